@@ -20,3 +20,24 @@ class Detector:
     oversample: int = 1
     centre: Literal["middle", "pixel"] = "middle"
     offset: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def sub_pixels(self) -> int:
+        """Sub-pixels along an edge of the window."""
+        return self.pixels * self.oversample
+
+    @property
+    def sub_pixel(self) -> float:
+        """Width of a sub-pixel [mm]."""
+        return self.pixel / self.oversample
+
+    def start(self, axis: Literal[0, 1]) -> float:
+        """The coordinate of the window's first edge, x (axis 0) or y (axis 1), about the Gaussian image point [mm]."""
+        middle = 0.5 * self.pixels if self.centre == "middle" else self.pixels // 2 + 0.5
+        return self.offset[axis] - middle * self.pixel
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """The window's x_start, x_stop, y_start, y_stop about the Gaussian image point [mm]."""
+        x, y = self.start(0), self.start(1)
+        width = self.pixels * self.pixel
+        return x, x + width, y, y + width

@@ -14,7 +14,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """The geometrical spot about the Gaussian image point [mm]; rms about the centroid."""
+    """The geometrical spot about the Gaussian image point [mm]; rms about the centroid.
+
+    ``x_min`` to ``y_max`` bound everything that unscattered light touches.
+    """
 
     centroid_x: float
     centroid_y: float
@@ -22,6 +25,10 @@ class Spot:
     chief_y: float
     rms_x: float
     rms_y: float
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,183 @@
+"""The composite image of Eq. 44 on the detector's grid: exp(-G) PSF_G + PSF_G (x) S, integrated over sub-pixels [mm].
+
+Nothing is sampled and nothing wraps around: a Gaussian integrated over a grid is an outer product of differences of
+erf, so the window is a sum of products of thin matrices, each term on the block of cells it can be seen in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psfcli.image.expansion import (
+    interval_integrals,
+    normal_probability,
+    orders_needed,
+    quasi_moments,
+    ray_spacing,
+)
+from psfcli.image.geometric import RayBundle, nodes_for_spacing, ray_bundle
+from psfcli.image.grid import Detector
+from psfcli.image.result import Spot
+from psfcli.image.scatter import Halo
+from psfcli.image.unscattered import unscattered_on_grid
+from psfcli.surface.mixture import GaussianMixture
+from psfcli.telescope.system import Field, Telescope
+from psfcli.tolerance import Tolerance
+
+Real = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_LEVEL = 1.6  # successive blocks of cells shrink by this factor
+_SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
+_RAYS_AT_ONCE = 4096
+_TAIL = 8.5  # widths beyond which less than 1e-17 of a Gaussian lies
+
+
+def composite_image(
+    telescope: Telescope,
+    field: Field,
+    halo: Halo,
+    spot: Spot,
+    detector: Detector,
+    tolerance: Tolerance,
+    azimuths: int,
+) -> tuple[Real, float]:
+    """Fractions of all light in the sub-pixels, shape (y, x) = (sub_pixels, sub_pixels), by Eq. 44.
+
+    The relative error of each is within ``tolerance.pixel`` where unscattered light does not fall; there and in the
+    next cells that of the unscattered light adds, whose estimate, in fractions of all light, is returned second.
+    ``azimuths`` (a multiple of 3) settles it.
+    """
+    edges_x = detector.start(0) + detector.sub_pixel * np.arange(detector.sub_pixels + 1)
+    edges_y = detector.start(1) + detector.sub_pixel * np.arange(detector.sub_pixels + 1)
+    image = np.zeros((detector.sub_pixels, detector.sub_pixels))
+    _add_wide_and_narrow(image, edges_x, edges_y, telescope, field, halo.mixture, spot, tolerance)
+    error = 0.0
+    rows = _span(edges_y, spot.y_min, spot.y_max)
+    columns = _span(edges_x, spot.x_min, spot.x_max)
+    if halo.specular_fraction > 0.0 and rows.stop > rows.start and columns.stop > columns.start:
+        unscattered, error = unscattered_on_grid(
+            telescope, field, edges_x[columns.start : columns.stop + 1], edges_y[rows.start : rows.stop + 1], azimuths
+        )
+        image[rows, columns] += halo.specular_fraction * unscattered
+    return image, halo.specular_fraction * error
+
+
+def allowed_error(mixture: GaussianMixture, tolerance: Tolerance) -> Real:
+    """The relative error allowed to each term of the mixture: a share of the pixel's, and of the energy's by its weight."""
+    by_energy = 0.1 * tolerance.ee / (np.sqrt(mixture.weight.size) * np.abs(mixture.weight))
+    return np.minimum(0.1 * tolerance.pixel, by_energy)
+
+
+def _add_wide_and_narrow(
+    image: Real,
+    edges_x: Real,
+    edges_y: Real,
+    telescope: Telescope,
+    field: Field,
+    mixture: GaussianMixture,
+    spot: Spot,
+    tolerance: Tolerance,
+) -> None:
+    if mixture.weight.size == 0:
+        return
+    moments = quasi_moments(telescope, field, spot)
+    order = orders_needed(moments, mixture.variance, spot, allowed_error(mixture, tolerance))
+    radius = _radius_of_influence(mixture, spot, tolerance)
+    whole = 0.5 * math.hypot(edges_x[-1] - edges_x[0], edges_y[-1] - edges_y[0])
+    level = np.maximum(np.floor(np.log(whole / radius) / math.log(_LEVEL)), 0.0)
+    cell = edges_x[1] - edges_x[0]
+    level[radius < _SMALLEST_BLOCK * cell] = np.inf
+    for this in np.unique(level[order >= 0]):
+        members = (level == this) & (order >= 0)
+        reach = float(radius[members].max()) if this > 0.0 else math.inf
+        rows = _span(edges_y, spot.centroid_y - reach, spot.centroid_y + reach)
+        columns = _span(edges_x, spot.centroid_x - reach, spot.centroid_x + reach)
+        left, right = _factors(
+            edges_y[rows.start : rows.stop + 1] - spot.centroid_y,
+            edges_x[columns.start : columns.stop + 1] - spot.centroid_x,
+            GaussianMixture(mixture.weight[members], mixture.variance[members]),
+            moments,
+            int(order[members].max()),
+            spot,
+        )
+        if this == 0.0:
+            np.matmul(left, right, out=image)
+        else:
+            image[rows, columns] += left @ right
+    spacing = ray_spacing(np.sqrt(mixture.variance), mixture.weight, 0.1 * tolerance.ee / mixture.weight.size)
+    for k in np.flatnonzero(order < 0):
+        rays = ray_bundle(telescope, field, *nodes_for_spacing(telescope, field, float(spacing[k])))
+        _add_by_rays(image, edges_x, edges_y, rays, float(mixture.weight[k]), float(mixture.variance[k]) ** 0.5)
+
+
+def _factors(
+    edges_y: Real, edges_x: Real, mixture: GaussianMixture, moments: Real, order: int, spot: Spot
+) -> tuple[Real, Real]:
+    """Matrices (y, column) and (column, x) whose product is the mixture blurred to ``order`` on the cells.
+
+    Columns that symmetry leaves empty are left out.
+    """
+    Q = moments[: order + 1, : order + 1].copy()
+    Q[np.add.outer(np.arange(order + 1), np.arange(order + 1)) > order] = 0.0
+    x = interval_integrals(edges_x[:-1], edges_x[1:], mixture.variance + spot.rms_x**2, order)
+    y = interval_integrals(edges_y[:-1], edges_y[1:], mixture.variance + spot.rms_y**2, order)
+    used = np.flatnonzero(np.any(Q != 0.0, axis=1))
+    left = np.tensordot(Q[used], y, axes=1) * mixture.weight[:, None]
+    return left.reshape(-1, edges_y.size - 1).T, x[used].reshape(-1, edges_x.size - 1)
+
+
+def _radius_of_influence(mixture: GaussianMixture, spot: Spot, tolerance: Tolerance) -> Real:
+    """The distance from the centroid beyond which each term is less than a hundredth of the error allowed [mm]."""
+    extent = math.hypot(
+        max(spot.x_max - spot.centroid_x, spot.centroid_x - spot.x_min),
+        max(spot.y_max - spot.centroid_y, spot.centroid_y - spot.y_min),
+    )
+    width = np.sqrt(mixture.variance)
+    r = np.geomspace(0.1 * width[0], 10.0 * width.max(), 160)
+    with np.errstate(under="ignore"):
+        share = np.abs(mixture.weight) / mixture.variance * np.exp(-0.5 * np.divide.outer(r, width) ** 2)
+        total = share.sum(axis=1)
+    farther = np.interp(r + 2.0 * extent, r, total)
+    seen = share > 0.01 * tolerance.pixel / mixture.weight.size * farther[:, None]
+    last = r.size - 1 - seen[::-1].argmax(axis=0)
+    return extent + r[np.minimum(last + 1, r.size - 1)]
+
+
+def _add_by_rays(image: Real, edges_x: Real, edges_y: Real, rays: RayBundle, weight: float, width: float) -> None:
+    for part in _tiles(rays, 2.0 * _TAIL * width):
+        rows = _span(edges_y, part.y.min() - _TAIL * width, part.y.max() + _TAIL * width)
+        columns = _span(edges_x, part.x.min() - _TAIL * width, part.x.max() + _TAIL * width)
+        if rows.stop <= rows.start or columns.stop <= columns.start:
+            continue
+        y = (edges_y[rows.start : rows.stop + 1, None] - part.y) / width
+        x = (edges_x[columns.start : columns.stop + 1, None] - part.x) / width
+        left = normal_probability(y[:-1], y[1:]) * (weight * part.share)
+        image[rows, columns] += left @ normal_probability(x[:-1], x[1:]).T
+
+
+def _tiles(rays: RayBundle, size: float) -> Iterator[RayBundle]:
+    """The rays in parts that each land within a square of ``size`` [mm], and not too many at once."""
+    column = np.floor((rays.x - rays.x.min()) / size).astype(np.intp)
+    row = np.floor((rays.y - rays.y.min()) / size).astype(np.intp)
+    tile = row * (column.max() + 1) + column
+    order = np.argsort(tile, kind="stable")
+    ends = np.append(np.flatnonzero(np.diff(tile[order])) + 1, order.size)
+    start = 0
+    for end in ends:
+        for first in range(start, end, _RAYS_AT_ONCE):
+            part = order[first : min(first + _RAYS_AT_ONCE, end)]
+            yield RayBundle(rays.share[part], rays.x[part], rays.y[part])
+        start = int(end)
+
+
+def _span(edges: Real, low: float, high: float) -> slice:
+    """The cells that the interval from ``low`` to ``high`` touches, and one more on either side."""
+    first = int(np.searchsorted(edges, low, side="right")) - 2
+    last = int(np.searchsorted(edges, high, side="left")) + 1
+    cells = edges.size - 1
+    return slice(min(max(first, 0), cells), max(min(last, cells), 0))

@@ -1,0 +1,142 @@
+"""The scattered light of the whole telescope without aberrations, PSF_S of Eq. 37, as a sum of Gaussians.
+
+OTF_S(q) = prod_j H_j(lambda d_j q): the mirrors' transfer functions multiply, so the convolutions of Eq. 37 cost nothing
+and S, the transform of OTF_S - exp(-G), is radial and the same at every field. Lengths in mm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from psfcli.image.horizon import horizon_loss
+from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_variance, total_integrated_scatter
+from psfcli.surface.mixture import GaussianMixture, ScatterTerm, mixing_density, trapezoid_step
+from psfcli.surface.surface import Surface
+from psfcli.telescope.system import Telescope
+from psfcli.tolerance import Tolerance
+from psfcli.image.result import SurfaceScatter
+
+Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Halo:
+    """Scattered light as a mixture that holds for distances up to ``reach`` [mm], and the unscattered share.
+
+    The mixture integrates to the scattered light only together with what lies beyond ``reach``.
+    """
+
+    mixture: GaussianMixture
+    specular_fraction: float
+    reach: float
+
+
+def scatter_table(surfaces: Sequence[Surface], telescope: Telescope, wavelength: float) -> tuple[SurfaceScatter, ...]:
+    """Each surface's sigma_rel, g, TIS and d_j at ``wavelength`` [mm]."""
+    return tuple(
+        SurfaceScatter(
+            name=surface.name,
+            wavelength=wavelength,
+            sigma_rel=math.sqrt(relative_variance(surface, wavelength)),
+            g=phase_variance(surface, wavelength),
+            tis=total_integrated_scatter(surface, wavelength),
+            magnified_distance=telescope.magnified_distance(surface.marginal_height),
+            reflectance=surface.reflectance,
+        )
+        for surface in surfaces
+    )
+
+
+def scatter_terms(surfaces: Sequence[Surface], telescope: Telescope, wavelength: float) -> tuple[ScatterTerm, ...]:
+    """Every PSD term scaled to the image plane: width lambda d_j/B, variance (K sigma)^2."""
+    return tuple(
+        ScatterTerm(
+            phase_variance=(phase_per_height(surface, wavelength) * psd.sigma) ** 2,
+            width=wavelength * telescope.magnified_distance(surface.marginal_height) / psd.B,
+            nu=(psd.C - 1.0) / 2.0,
+        )
+        for surface in surfaces
+        for psd in surface.psd
+        if psd.sigma > 0.0
+    )
+
+
+def scattered_light(
+    surfaces: Sequence[Surface], telescope: Telescope, wavelength: float, reach: float, tolerance: Tolerance
+) -> Halo:
+    """PSF_S of Eq. 37 for distances up to ``reach`` [mm], its density to ``tolerance.pixel`` relative and its energy to
+
+    ``tolerance.ee``, both within a fraction that leaves room for the other steps.
+    """
+    total_variance = sum(phase_variance(surface, wavelength) for surface in surfaces)
+    terms = scatter_terms(surfaces, telescope, wavelength)
+    specular_fraction = math.exp(-total_variance)
+    if not terms:
+        return Halo(GaussianMixture(np.empty(0), np.empty(0)), specular_fraction, reach)
+    share = 0.1 * min(tolerance.pixel, tolerance.ee * 1e1)
+    step = min(trapezoid_step(share, term.nu) for term in terms)
+    flattest = min(term.nu for term in terms)
+    # one-fold light has v = w^2/2t with t gamma-distributed of order nu + 1: nothing lies below t = nu + 60
+    low = min(0.5 * term.width**2 / (term.nu + 60.0) for term in terms)
+    # terms wider than all this add a pedestal smaller than the error allowed at the farthest distance
+    high = max(reach, *(term.width for term in terms)) ** 2 * share ** (-1.0 / (1.0 + flattest))
+    variance = np.exp(np.arange(math.log(low), math.log(high), step))
+    weight = step * mixing_density(variance, terms, total_variance)
+    weight, variance = _without_empty_core(weight, variance, share)
+    mixture = _merge_wide_terms(GaussianMixture(weight, variance), reach)
+    loss = horizon_loss(surfaces, telescope, wavelength, mixture, reach, share)
+    return Halo(
+        GaussianMixture(np.append(mixture.weight, -loss.weight), np.append(mixture.variance, loss.variance)),
+        specular_fraction,
+        reach,
+    )
+
+
+def _without_empty_core(weight: Real, variance: Real, share: float) -> tuple[Real, Real]:
+    """The mixture less the narrowest terms that together hold less than ``share`` of energy and central density."""
+    peak = np.cumsum(weight / variance)
+    energy = np.cumsum(weight)
+    empty = (peak < 0.1 * share * peak[-1]) & (energy < 0.1 * share * energy[-1])
+    first = int(np.argmin(empty))
+    return weight[first:], variance[first:]
+
+
+def _merge_wide_terms(mixture: GaussianMixture, reach: float) -> GaussianMixture:
+    """The same density within ``reach``, all terms with s > 2 reach replaced by three.
+
+    Seen from r <= reach such terms are exp(-y r^2/2) with y r^2/2 <= 1/8, y = 1/v: a measure in y whose three-point
+    Gauss rule (Golub & Welsch) leaves a relative error below (1/8)^6/6! 2^-11 ~ 3e-12.
+    """
+    wide = mixture.variance > 4.0 * reach**2
+    if np.count_nonzero(wide) <= 3:
+        return mixture
+    y = 1.0 / mixture.variance[wide]
+    scale = y.max()
+    nodes, masses = _gauss_rule(y / scale, mixture.weight[wide] * y, 3)
+    return GaussianMixture(
+        np.append(mixture.weight[~wide], masses / (nodes * scale)),
+        np.append(mixture.variance[~wide], 1.0 / (nodes * scale)),
+    )
+
+
+def _gauss_rule(x: Real, mass: Real, count: int) -> tuple[Real, Real]:
+    """Nodes and masses of the ``count``-point Gauss rule of the discrete measure ``mass`` at ``x`` (Stieltjes)."""
+    alpha, beta = np.empty(count), np.empty(count)
+    previous, current = np.zeros_like(x), np.ones_like(x)
+    norm = mass.sum()
+    total = norm
+    for k in range(count):
+        alpha[k] = np.sum(mass * x * current**2) / norm
+        following = (x - alpha[k]) * current - (beta[k - 1] if k else 0.0) * previous
+        following_norm = np.sum(mass * following**2)
+        beta[k] = following_norm / norm
+        previous, current, norm = current, following, following_norm
+    jacobi = np.diag(alpha) + np.diag(np.sqrt(beta[:-1]), 1) + np.diag(np.sqrt(beta[:-1]), -1)
+    nodes, vectors = np.linalg.eigh(jacobi)
+    return nodes, total * vectors[0] ** 2
