@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.expansion import (
+    TAIL,
+    allowed_error,
     interval_integrals,
     normal_probability,
     orders_needed,
@@ -34,7 +36,6 @@ Index = NDArray[np.intp]
 _LEVEL = 1.6  # successive blocks of cells shrink by this factor
 _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
 _RAYS_AT_ONCE = 4096
-_TAIL = 8.5  # widths beyond which less than 1e-17 of a Gaussian lies
 
 
 def composite_image(
@@ -44,13 +45,11 @@ def composite_image(
     spot: Spot,
     detector: Detector,
     tolerance: Tolerance,
-    azimuths: int,
 ) -> tuple[Real, float]:
     """Fractions of all light in the sub-pixels, shape (y, x) = (sub_pixels, sub_pixels), by Eq. 44.
 
     The relative error of each is within ``tolerance.pixel`` where unscattered light does not fall; there and in the
-    next cells that of the unscattered light adds, whose estimate, in fractions of all light, is returned second.
-    ``azimuths`` (a multiple of 3) settles it.
+    next cells that of the unscattered light adds, whose estimate, as a fraction of all light, is returned second.
     """
     edges_x = detector.start(0) + detector.sub_pixel * np.arange(detector.sub_pixels + 1)
     edges_y = detector.start(1) + detector.sub_pixel * np.arange(detector.sub_pixels + 1)
@@ -61,16 +60,14 @@ def composite_image(
     columns = _span(edges_x, spot.x_min, spot.x_max)
     if halo.specular_fraction > 0.0 and rows.stop > rows.start and columns.stop > columns.start:
         unscattered, error = unscattered_on_grid(
-            telescope, field, edges_x[columns.start : columns.stop + 1], edges_y[rows.start : rows.stop + 1], azimuths
+            telescope,
+            field,
+            edges_x[columns.start : columns.stop + 1],
+            edges_y[rows.start : rows.stop + 1],
+            0.3 * tolerance.ee / halo.specular_fraction,
         )
         image[rows, columns] += halo.specular_fraction * unscattered
     return image, halo.specular_fraction * error
-
-
-def allowed_error(mixture: GaussianMixture, tolerance: Tolerance) -> Real:
-    """The relative error allowed to each term of the mixture: a share of the pixel's, and of the energy's by its weight."""
-    by_energy = 0.1 * tolerance.ee / (np.sqrt(mixture.weight.size) * np.abs(mixture.weight))
-    return np.minimum(0.1 * tolerance.pixel, by_energy)
 
 
 def _add_wide_and_narrow(
@@ -149,9 +146,9 @@ def _radius_of_influence(mixture: GaussianMixture, spot: Spot, tolerance: Tolera
 
 
 def _add_by_rays(image: Real, edges_x: Real, edges_y: Real, rays: RayBundle, weight: float, width: float) -> None:
-    for part in _tiles(rays, 2.0 * _TAIL * width):
-        rows = _span(edges_y, part.y.min() - _TAIL * width, part.y.max() + _TAIL * width)
-        columns = _span(edges_x, part.x.min() - _TAIL * width, part.x.max() + _TAIL * width)
+    for part in _tiles(rays, 2.0 * TAIL * width):
+        rows = _span(edges_y, part.y.min() - TAIL * width, part.y.max() + TAIL * width)
+        columns = _span(edges_x, part.x.min() - TAIL * width, part.x.max() + TAIL * width)
         if rows.stop <= rows.start or columns.stop <= columns.start:
             continue
         y = (edges_y[rows.start : rows.stop + 1, None] - part.y) / width

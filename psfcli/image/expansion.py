@@ -21,11 +21,14 @@ from scipy import special
 
 from psfcli.image.geometric import ray_bundle
 from psfcli.image.result import Spot
+from psfcli.surface.mixture import GaussianMixture
 from psfcli.telescope.system import Field, Telescope
+from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
 
 MAX_ORDER = 12
+TAIL = 8.5  # widths beyond which less than 1e-17 of a Gaussian lies
 _HERMITE_MARGIN = 10.0  # |He_a(u)| <= 1.09 sqrt(a!) exp(u^2/4): the factor at u = 3, where a mixture's terms still count
 _SMOOTH_CELL = 0.25  # cells narrower than this many widths: Gauss's rule instead of differences (relative error 2e-8)
 _NODE, _NODE_WEIGHT = np.polynomial.legendre.leggauss(4)
@@ -72,6 +75,12 @@ def orders_needed(moments: Real, variance: Real, spot: Spot, allowed: Real) -> N
     """The lowest order whose truncation error is within ``allowed`` (relative, per term); -1: no order, use rays."""
     enough = truncation_error(moments, variance, spot) <= allowed
     return np.where(enough.any(axis=0), enough.argmax(axis=0), -1)
+
+
+def allowed_error(mixture: GaussianMixture, tolerance: Tolerance) -> Real:
+    """The relative error allowed to each term of the mixture: a share of the pixel's, and of the energy's by its weight."""
+    by_energy = 0.1 * tolerance.ee / (np.sqrt(mixture.weight.size) * np.abs(mixture.weight))
+    return np.minimum(0.1 * tolerance.pixel, by_energy)
 
 
 def ray_spacing(width: Real, weight: Real, error: float) -> Real:

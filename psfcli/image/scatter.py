@@ -80,7 +80,7 @@ def scattered_light(
     if not terms:
         return Halo(GaussianMixture(np.empty(0), np.empty(0)), specular_fraction, reach)
     share = 0.1 * min(tolerance.pixel, tolerance.ee * 1e1)
-    step = min(trapezoid_step(share, term.nu) for term in terms)
+    step = trapezoid_step(share, max(term.nu for term in terms), total_variance)
     flattest = min(term.nu for term in terms)
     # one-fold light has v = w^2/2t with t gamma-distributed of order nu + 1: nothing lies below t = nu + 60
     low = min(0.5 * term.width**2 / (term.nu + 60.0) for term in terms)
@@ -113,6 +113,8 @@ def _merge_wide_terms(mixture: GaussianMixture, reach: float) -> GaussianMixture
     Seen from r <= reach such terms are exp(-y r^2/2) with y r^2/2 <= 1/8, y = 1/v: a measure in y whose three-point
     Gauss rule (Golub & Welsch) leaves a relative error below (1/8)^6/6! 2^-11 ~ 3e-12.
     """
+    lit = mixture.weight > 0.0
+    mixture = GaussianMixture(mixture.weight[lit], mixture.variance[lit])
     wide = mixture.variance > 4.0 * reach**2
     if np.count_nonzero(wide) <= 3:
         return mixture

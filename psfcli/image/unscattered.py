@@ -3,11 +3,12 @@
 Along one pupil azimuth the landing point is a cubic in rho. Its crossings with the edges of the cells cut the radius
 into pieces that land in one cell each, of power proportional to the difference of rho^2. No density is needed, so a
 perfect image, a line focus and a caustic are as good as any. The sum over azimuths is a midpoint rule, whose error
-falls like N^-3/2 to N^-2; a third of the azimuths, kept apart, tells how far it has fallen.
+falls like N^-3/2 to N^-2; the change at the last tripling tells how far it has fallen.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,20 +21,21 @@ Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _NEWTON_STEPS = 60
-_THIRDS = 3.0**1.5 - 1.0  # error of N azimuths from the change between N/3 and N, at the slower rate
+_FIRST_AZIMUTHS = 60  # a multiple of 4, so that slices end where fans jump from one side of an edge to the other
+_MOST_AZIMUTHS = 60 * 3**7
+_GAIN = 3.0**1.5 - 1.0  # the error left after tripling, as a share of the change, at the slower rate
 
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Stretches of the ray fans, each within one cell: power (a fraction of the unscattered light; all add to 1),
+    """Stretches of the ray fans, each within one cell: power (a fraction of the unscattered light; all add to 1)
 
-    landing point of the middle [mm], and azimuth index.
+    and landing point of the middle [mm].
     """
 
     power: Real
     x: Real
     y: Real
-    azimuth: Index
 
 
 def pieces_between(telescope: Telescope, field: Field, azimuths: int, edges_x: Real, edges_y: Real) -> Pieces:
@@ -59,58 +61,76 @@ def pieces_between(telescope: Telescope, field: Field, azimuths: int, edges_x: R
         power=(stop - start) * (stop + start) / ((1.0 - inner**2) * azimuths),
         x=_cubic(fans_x[:, which], middle),
         y=_cubic(fans_y[:, which], middle),
-        azimuth=which,
     )
 
 
 def unscattered_on_grid(
-    telescope: Telescope, field: Field, edges_x: Real, edges_y: Real, azimuths: int
+    telescope: Telescope, field: Field, edges_x: Real, edges_y: Real, tolerance: float
 ) -> tuple[Real, float]:
     """Fractions of the unscattered light in the cells of a uniform grid, shape (y, x), and their estimated error.
 
     A piece on an edge, such as the whole of a perfect image on a pixel corner, is shared by both sides.
-    ``azimuths`` must be a multiple of 3.
     """
-    pieces = pieces_between(telescope, field, azimuths, edges_x, edges_y)
-    shape = (edges_y.size - 1, edges_x.size - 1)
-    column, column_share = _cells(pieces.x, edges_x)
-    row, row_share = _cells(pieces.y, edges_y)
-    whole, third = np.zeros(shape[0] * shape[1]), np.zeros(shape[0] * shape[1])
-    for i in range(2):
-        for j in range(2):
-            power = pieces.power * row_share[i] * column_share[j]
-            inside = (power > 0.0) & (row[i] >= 0) & (row[i] < shape[0]) & (column[j] >= 0) & (column[j] < shape[1])
-            cell = row[i][inside] * shape[1] + column[j][inside]
-            whole += np.bincount(cell, power[inside], whole.size)
-            kept = pieces.azimuth[inside] % 3 == 1
-            third += np.bincount(cell[kept], 3.0 * power[inside][kept], whole.size)
-    return whole.reshape(shape), float(np.max(np.abs(whole - third), initial=0.0)) / _THIRDS
+    rows, columns = edges_y.size - 1, edges_x.size - 1
+
+    def in_cells(pieces: Pieces) -> Real:
+        cells = np.zeros(rows * columns)
+        for column, column_share in _cells(pieces.x, edges_x):
+            for row, row_share in _cells(pieces.y, edges_y):
+                power = pieces.power * row_share * column_share
+                inside = (power > 0.0) & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+                cells += np.bincount(row[inside] * columns + column[inside], power[inside], cells.size)
+        return cells
+
+    cells, error = _settled(telescope, field, edges_x, edges_y, in_cells, tolerance)
+    return cells.reshape(rows, columns), error
 
 
 def unscattered_in_boxes(
-    telescope: Telescope, field: Field, centre: tuple[float, float], half_width: Real, azimuths: int
+    telescope: Telescope, field: Field, centre: tuple[float, float], half_width: Real, tolerance: float
 ) -> tuple[Real, float]:
     """Fractions of the unscattered light in squares of increasing ``half_width`` [mm] about ``centre``, same shape,
 
-    and their estimated error. ``azimuths`` must be a multiple of 3.
+    and their estimated error.
     """
-    mirrored = np.concatenate([-half_width[::-1], half_width])
-    pieces = pieces_between(telescope, field, azimuths, centre[0] + mirrored, centre[1] + mirrored)
-    distance = np.maximum(np.abs(pieces.x - centre[0]), np.abs(pieces.y - centre[1]))
-    level = np.searchsorted(half_width, distance)
-    whole = np.cumsum(np.bincount(level, pieces.power, half_width.size + 1))[:-1]
-    kept = pieces.azimuth % 3 == 1
-    third = np.cumsum(np.bincount(level[kept], 3.0 * pieces.power[kept], half_width.size + 1))[:-1]
-    return np.minimum(whole, 1.0), float(np.max(np.abs(whole - third), initial=0.0)) / _THIRDS
+
+    def in_boxes(pieces: Pieces) -> Real:
+        distance = np.maximum(np.abs(pieces.x - centre[0]), np.abs(pieces.y - centre[1]))
+        level = np.searchsorted(half_width, distance)
+        return np.cumsum(np.bincount(level, pieces.power, half_width.size + 1))[:-1]
+
+    edges = np.concatenate([-half_width[::-1], half_width])
+    boxes, error = _settled(telescope, field, centre[0] + edges, centre[1] + edges, in_boxes, tolerance)
+    return np.minimum(boxes, 1.0), error
 
 
-def _cells(position: Real, edges: Real) -> tuple[tuple[Index, Index], tuple[Real, Real]]:
-    """The two candidate cells of each position and their shares: one cell, or half and half on an edge."""
+def _settled(
+    telescope: Telescope,
+    field: Field,
+    edges_x: Real,
+    edges_y: Real,
+    gather: Callable[[Pieces], Real],
+    tolerance: float,
+) -> tuple[Real, float]:
+    """What ``gather`` makes of the pieces, with azimuths tripled until the change promises ``tolerance``, and its error."""
+    azimuths = _FIRST_AZIMUTHS
+    coarse = gather(pieces_between(telescope, field, azimuths, edges_x, edges_y))
+    while True:
+        azimuths *= 3
+        fine = gather(pieces_between(telescope, field, azimuths, edges_x, edges_y))
+        error = float(np.max(np.abs(fine - coarse), initial=0.0)) / _GAIN
+        if error <= tolerance or azimuths >= _MOST_AZIMUTHS:
+            return fine, error
+        coarse = fine
+
+
+def _cells(position: Real, edges: Real) -> tuple[tuple[Index, Real], tuple[Index, Real]]:
+    """The two candidate cells of each position with their shares: all in one, or half and half on an edge."""
     coordinate = (position - edges[0]) / (edges[-1] - edges[0]) * (edges.size - 1)
     nearest = np.rint(coordinate)
     on_edge = np.abs(coordinate - nearest) < 1e-9
     cell = np.where(on_edge, nearest, np.floor(coordinate)).astype(np.intp)
-    return (cell, cell - 1), (np.where(on_edge, 0.5, 1.0), np.where(on_edge, 0.5, 0.0))
+    return (cell, np.where(on_edge, 0.5, 1.0)), (cell - 1, np.where(on_edge, 0.5, 0.0))
 
 
 def _cubic(coefficients: Real, rho: Real) -> Real:

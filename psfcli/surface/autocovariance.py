@@ -14,6 +14,7 @@ from scipy import special
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+_GAMMA_STEP = 0.3  # exp(-pi^2/0.3) = 5e-15
 _TINY = 1e-150  # below this |u|, rho is 1 to the last bit and K_nu would overflow
 
 
@@ -22,41 +23,48 @@ def _log_prefactor(nu: float) -> float:
 
 
 def decorrelation(u: Real, nu: float) -> Real:
-    """1 - rho(u), positive and without cancellation however small u is, same shape as ``u`` >= 0.
-
-    Integrating the gamma mixture by parts, 1 - rho = Int P(nu, t) y exp(-y) d ln t with y = u^2/(4 t) and P the
-    regularised incomplete gamma function: every term is positive. The trapezoid rule in ln t converges like
-    exp(-pi^2/step), far below rounding at the step used. Valid for nu > 0.
-    """
+    """1 - rho(u), positive and without cancellation however small u is, same shape as ``u`` >= 0. Valid for nu > 0."""
     u = np.asarray(u, dtype=np.float64)
-    positive = u[u > 0.0]
-    if positive.size == 0:
-        return np.zeros_like(u)
-    # y exp(-y) is below rounding for y > 45; beyond t = 1 it falls like 1/t, beyond y = 1 likewise
-    low = np.log(positive.min() ** 2 / 4.0 / 45.0)
-    high = np.log(max(positive.max() ** 2 / 4.0, 1.0)) + 40.0
-    step = 0.2
-    t = np.exp(np.arange(low, high + step, step))
-    cumulative = special.gammainc(nu, t)
-    y = positive[:, None] ** 2 / (4.0 * t)
-    out = np.zeros_like(u)
-    out[u > 0.0] = step * np.sum(cumulative * y * np.exp(-y), axis=1)
+    out = np.empty_like(u)
+    near = u <= 1.0
+    out[near] = _decorrelation_near(u[near], nu)
+    out[~near] = 1.0 - _autocovariance_far(u[~near], nu)
     return out
 
 
 def autocovariance(u: Real, nu: float) -> Real:
-    """rho(u) for real u >= 0, same shape; 1 at u = 0.
-
-    Above u = 1 the closed form in K_nu keeps the relative accuracy of the tail, below it 1 - (1 - rho) that of
-    the head.
-    """
+    """rho(u) for real u >= 0, same shape, 1 at u = 0, relative accuracy kept in the tail. Valid for nu > 0."""
     u = np.asarray(u, dtype=np.float64)
-    out = 1.0 - decorrelation(np.where(u > 1.0, 0.0, u), nu)
-    far = u > 1.0
-    z = u[far]
-    with np.errstate(over="ignore", under="ignore"):
-        out[far] = np.exp(_log_prefactor(nu) + nu * np.log(z) + np.log(special.kve(nu, z)) - z)
+    out = np.empty_like(u)
+    near = u <= 1.0
+    out[near] = 1.0 - _decorrelation_near(u[near], nu)
+    out[~near] = _autocovariance_far(u[~near], nu)
     return out
+
+
+def _decorrelation_near(u: Real, nu: float) -> Real:
+    """1 - rho = Int P(nu, t) y exp(-y) d ln t with y = u^2/(4 t), P the regularised incomplete gamma function.
+
+    The gamma mixture integrated by parts: every term is positive. The trapezoid rule in ln t converges like
+    exp(-pi^2/step), below rounding at the step used.
+    """
+    positive = u[u > 0.0]
+    if positive.size == 0:
+        return np.zeros_like(u)
+    # y exp(-y) is below rounding for y > 45; beyond t = 1 it falls like 1/t, beyond y = 1 likewise
+    t = np.exp(np.arange(np.log(positive.min() ** 2 / 180.0), 40.0, _GAMMA_STEP))
+    cumulative = special.gammainc(nu, t)
+    out = np.zeros_like(u)
+    y = np.divide.outer(0.25 * positive**2, t)
+    out[u > 0.0] = _GAMMA_STEP * ((y * np.exp(-y)) @ cumulative)
+    return out
+
+
+def _autocovariance_far(u: Real, nu: float) -> Real:
+    z = np.minimum(u, 1e6)  # K_nu gives up beyond 1e9; rho is 0 long before
+    with np.errstate(over="ignore", under="ignore"):
+        rho: Real = np.exp(_log_prefactor(nu) + nu * np.log(z) + np.log(special.kve(nu, z)) - z)
+    return rho
 
 
 def autocovariance_off_axis(u: Complex, nu: float) -> Complex:

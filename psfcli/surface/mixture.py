@@ -33,6 +33,7 @@ Real = NDArray[np.float64]
 
 _CORE_ANGLE = 2.0 * math.pi / 3.0
 _RAY_STEP = 0.1  # trapezoid step in ln tau: exp(-2 pi (pi/6)/0.1) = 5e-15 on the core ray
+_LOG_HUGE = 600.0  # on the cut h may grow without bound, far beyond where exp(-w) lets it count
 _LOG_MIN = math.log(1e-17)  # w below which a constant h has nothing left to say
 
 
@@ -62,22 +63,27 @@ class GaussianMixture:
         return np.exp(-x) @ (self.weight / (2.0 * math.pi * self.variance))
 
 
-def trapezoid_error(step: float, nu: float) -> float:
-    """Largest relative error of the mixture with grid ``step`` in ln v, for one term of order ``nu`` [1].
+def trapezoid_error(step: float, nu: float, total_variance: float) -> float:
+    """Relative error of the mixture with grid ``step`` in ln v, for terms of order ``nu`` and mean count G [1].
 
-    The Mellin transform of t^p exp(-t) at the first alias frequency 2 pi/step, for the density (p = nu + 1).
+    One-fold light has v = w^2/2t, t gamma-distributed of order nu, and its density the Mellin transform
+    Gamma(p + i omega)/Gamma(p) with p = nu + 1 at the first alias omega = 2 pi/step; n-fold light, a sum of n such v,
+    is no narrower in ln v than order n nu. Averaged over Poisson(n; G).
     """
     omega = 2.0 * math.pi / step
-    p = nu + 1.0
-    return 2.0 * math.exp(special.loggamma(complex(p, omega)).real - math.lgamma(p))
+    n = np.arange(1.0, 10.0 + total_variance + 10.0 * math.sqrt(total_variance))
+    poisson = np.exp(n * math.log(total_variance) - special.gammaln(n + 1.0))
+    p = n * nu + 1.0
+    alias = 2.0 * np.exp(special.loggamma(p + 1j * omega).real - special.gammaln(p))
+    return float(np.average(alias, weights=poisson))
 
 
-def trapezoid_step(error: float, nu: float) -> float:
+def trapezoid_step(error: float, nu: float, total_variance: float) -> float:
     """The widest grid step in ln v whose ``trapezoid_error`` stays below ``error``."""
     low, high = 1e-3, 4.0
-    for _ in range(40):
+    for _ in range(24):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if trapezoid_error(middle, nu) < error else (low, middle)
+        low, high = (middle, high) if trapezoid_error(middle, nu, total_variance) < error else (low, middle)
     return low
 
 
@@ -116,11 +122,10 @@ def _on_cut(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -> Rea
     t = np.sqrt(tau / (2.0 * math.pi**2))
     real = np.full(tau.shape, -total_variance)
     imaginary = np.zeros(tau.shape)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for term in terms:
-            re, im = autocovariance_on_cut(2.0 * math.pi * term.width * t, term.nu)
-            real += term.phase_variance * re
-            imaginary += term.phase_variance * im
-        h = np.exp(real) * np.sin(imaginary)
-        w = np.multiply.outer(v, tau)
-        return (w * np.exp(-w)).dot(-h) * (_RAY_STEP / math.pi)
+    for term in terms:
+        re, im = autocovariance_on_cut(2.0 * math.pi * term.width * t, term.nu)
+        real += term.phase_variance * re
+        imaginary += term.phase_variance * im
+    h = np.exp(np.minimum(real, _LOG_HUGE)) * np.sin(imaginary)
+    w = np.multiply.outer(v, tau)
+    return (w * np.exp(-w)).dot(-h) * (_RAY_STEP / math.pi)

@@ -1,0 +1,111 @@
+"""The energy of the composite image in any rectangles: boxes of ensquared energy, single pixels, a whole window [mm]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psfcli.image.expansion import (
+    TAIL,
+    allowed_error,
+    interval_integrals,
+    normal_probability,
+    orders_needed,
+    quasi_moments,
+    ray_spacing,
+)
+from psfcli.image.geometric import RayBundle, nodes_for_spacing, ray_bundle
+from psfcli.image.result import Spot
+from psfcli.surface.mixture import GaussianMixture
+from psfcli.telescope.system import Field, Telescope
+from psfcli.tolerance import Tolerance
+
+Real = NDArray[np.float64]
+
+_RAYS_AT_ONCE = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangles:
+    """``x_start <= x <= x_stop``, ``y_start <= y <= y_stop`` about the Gaussian image point, each of shape [rectangle]."""
+
+    x_start: Real
+    x_stop: Real
+    y_start: Real
+    y_stop: Real
+
+    @classmethod
+    def squares(cls, centre: tuple[float, float], half_width: Real) -> Rectangles:
+        """Squares of ``half_width`` about ``centre``."""
+        x, y = centre
+        return cls(x - half_width, x + half_width, y - half_width, y + half_width)
+
+
+def scattered_in_rectangles(
+    telescope: Telescope,
+    field: Field,
+    mixture: GaussianMixture,
+    spot: Spot,
+    rectangles: Rectangles,
+    tolerance: Tolerance,
+) -> Real:
+    """The scattered light in each rectangle as a fraction of all light, shape [rectangle].
+
+    PSF_G (x) S of Eq. 44; relative error within ``tolerance.pixel`` and absolute within ``tolerance.ee``.
+    """
+    energy = np.zeros_like(rectangles.x_start)
+    if mixture.weight.size == 0:
+        return energy
+    moments = quasi_moments(telescope, field, spot)
+    order = orders_needed(moments, mixture.variance, spot, allowed_error(mixture, tolerance))
+    wide = order >= 0
+    energy += _by_moments(
+        GaussianMixture(mixture.weight[wide], mixture.variance[wide]), moments, order.max(initial=0), spot, rectangles
+    )
+    spacing = ray_spacing(np.sqrt(mixture.variance), mixture.weight, 0.1 * tolerance.ee / mixture.weight.size)
+    for k in np.flatnonzero(~wide):
+        rays = ray_bundle(telescope, field, *nodes_for_spacing(telescope, field, float(spacing[k])))
+        energy += mixture.weight[k] * _by_rays(rays, float(mixture.variance[k]) ** 0.5, rectangles)
+    return energy
+
+
+def _by_moments(mixture: GaussianMixture, moments: Real, order: int, spot: Spot, rectangles: Rectangles) -> Real:
+    x = interval_integrals(
+        rectangles.x_start - spot.centroid_x,
+        rectangles.x_stop - spot.centroid_x,
+        mixture.variance + spot.rms_x**2,
+        order,
+    )
+    y = interval_integrals(
+        rectangles.y_start - spot.centroid_y,
+        rectangles.y_stop - spot.centroid_y,
+        mixture.variance + spot.rms_y**2,
+        order,
+    )
+    blurred = np.sum(x * np.tensordot(moments[: order + 1, : order + 1], y, axes=1), axis=0)
+    energy: Real = mixture.weight @ blurred
+    return energy
+
+
+def _by_rays(rays: RayBundle, width: float, rectangles: Rectangles) -> Real:
+    """The energy of a Gaussian of ``width``, carried along by the rays, in each rectangle."""
+    margin = TAIL * width
+    covers = (
+        (rectangles.x_start < rays.x.min() - margin)
+        & (rectangles.x_stop > rays.x.max() + margin)
+        & (rectangles.y_start < rays.y.min() - margin)
+        & (rectangles.y_stop > rays.y.max() + margin)
+    )
+    energy = np.where(covers, 1.0, 0.0)
+    some = ~covers
+    x_start, x_stop = rectangles.x_start[some, None], rectangles.x_stop[some, None]
+    y_start, y_stop = rectangles.y_start[some, None], rectangles.y_stop[some, None]
+    for first in range(0, rays.x.size, _RAYS_AT_ONCE):
+        part = slice(first, first + _RAYS_AT_ONCE)
+        x, y = rays.x[part], rays.y[part]
+        in_x = normal_probability((x_start - x) / width, (x_stop - x) / width)
+        in_y = normal_probability((y_start - y) / width, (y_stop - y) / width)
+        energy[some] += (in_x * in_y) @ rays.share[part]
+    return energy
