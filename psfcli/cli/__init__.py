@@ -1,1 +1,73 @@
-""""""
+"""The command line: parse, call one function, report."""
+
+from __future__ import annotations
+
+import importlib
+
+import click
+
+_COMMANDS = {
+    "run": "Compute PSF cubes and ensquared energy for every wavelength and field.",
+    "plan": "Say what a run would compute, how exact, how long; writes nothing.",
+    "check": "Validate system files.",
+    "compare": "Measure the differences between two products.",
+    "schema": "Print the JSON Schema of the system file.",
+}
+
+
+class _Commands(click.Group):
+    """The commands by name, each imported only when it is called, and the errors they end with."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """The names, in the order of the help."""
+        del ctx
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name, or None."""
+        del ctx
+        if cmd_name not in _COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(f"psfcli.cli.{cmd_name}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands without importing them."""
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run a command; what users can act on becomes lines on stderr and an exit code, a bug its traceback."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            click.echo("interrupted", err=True)
+            ctx.exit(130)
+        except Exception as error:
+            code = _told(error)
+            if code is None:
+                raise
+            ctx.exit(code)
+
+
+def _told(error: Exception) -> int | None:
+    """The exit code of an error after telling it, or None for one that is a bug."""
+    # imported only now, so that help stays quick
+    from psfcli.cli.faults import tell
+    from psfcli.config import ConfigError
+    from psfcli.products import OutputError
+
+    if isinstance(error, ConfigError):
+        tell(error)
+        return 2
+    if isinstance(error, OutputError):
+        click.echo(str(error), err=True)
+        return 4
+    return None
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="psfcli")
+def main() -> None:
+    """Telescope PSFs and ensquared energy: aberrations and surface scatter together."""

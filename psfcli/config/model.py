@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from psfcli.image.grid import Detector
-from psfcli.surface.surface import Surface
-from psfcli.telescope.system import Field, Telescope
-from psfcli.tolerance import Tolerance
+if TYPE_CHECKING:
+    from psfcli.image.grid import Detector
+    from psfcli.surface.surface import Surface
+    from psfcli.telescope.system import Field, Telescope
+    from psfcli.tolerance import Tolerance
 
 
 @dataclass(frozen=True, slots=True)

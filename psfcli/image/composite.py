@@ -24,7 +24,6 @@ from psfcli.image.expansion import (
 from psfcli.image.geometric import RayBundle, nodes_for_spacing, ray_bundle
 from psfcli.image.grid import Detector
 from psfcli.image.result import Spot
-from psfcli.image.scatter import Halo
 from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.telescope.system import Field, Telescope
@@ -38,57 +37,73 @@ _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
 _RAYS_AT_ONCE = 4096
 
 
-def composite_image(
-    telescope: Telescope,
-    field: Field,
-    halo: Halo,
-    spot: Spot,
-    detector: Detector,
-    tolerance: Tolerance,
-) -> tuple[Real, float]:
-    """Fractions of all light in the sub-pixels, shape (y, x) = (sub_pixels, sub_pixels), by Eq. 44.
-
-    The relative error of each is within ``tolerance.pixel`` where unscattered light does not fall; there and in the
-    next cells that of the unscattered light adds, whose estimate, as a fraction of all light, is returned second.
-    """
-    edges_x = detector.start(0) + detector.sub_pixel * np.arange(detector.sub_pixels + 1)
-    edges_y = detector.start(1) + detector.sub_pixel * np.arange(detector.sub_pixels + 1)
-    image = np.zeros((detector.sub_pixels, detector.sub_pixels))
-    _add_wide_and_narrow(image, edges_x, edges_y, telescope, field, halo.mixture, spot, tolerance)
-    error = 0.0
-    rows = _span(edges_y, spot.y_min, spot.y_max)
-    columns = _span(edges_x, spot.x_min, spot.x_max)
-    if halo.specular_fraction > 0.0 and rows.stop > rows.start and columns.stop > columns.start:
-        unscattered, error = unscattered_on_grid(
-            telescope,
-            field,
-            edges_x[columns.start : columns.stop + 1],
-            edges_y[rows.start : rows.stop + 1],
-            0.3 * tolerance.ee / halo.specular_fraction,
-        )
-        image[rows, columns] += halo.specular_fraction * unscattered
-    return image, halo.specular_fraction * error
-
-
-def _add_wide_and_narrow(
-    image: Real,
-    edges_x: Real,
-    edges_y: Real,
+def scattered_image(
     telescope: Telescope,
     field: Field,
     mixture: GaussianMixture,
     spot: Spot,
+    detector: Detector,
     tolerance: Tolerance,
-) -> None:
+) -> Real:
+    """PSF_G (x) S: the scattered light in each sub-pixel as a fraction of all light, shape (y, x).
+
+    Relative error within ``tolerance.pixel`` at every distance, energy within ``tolerance.ee``.
+    """
+    image = np.zeros((detector.sub_pixels, detector.sub_pixels))
     if mixture.weight.size == 0:
-        return
+        return image
+    edges_x, edges_y = detector.edges(0), detector.edges(1)
     moments = quasi_moments(telescope, field, spot)
     order = orders_needed(moments, mixture.variance, spot, allowed_error(mixture, tolerance))
+    _add_by_moments(image, edges_x, edges_y, mixture, spot, moments, order, tolerance)
+    spacing = ray_spacing(np.sqrt(mixture.variance), mixture.weight, 0.1 * tolerance.ee / mixture.weight.size)
+    for k in np.flatnonzero(order < 0):
+        rays = ray_bundle(telescope, field, *nodes_for_spacing(telescope, field, float(spacing[k])))
+        _add_by_rays(image, edges_x, edges_y, rays, float(mixture.weight[k]), float(mixture.variance[k]) ** 0.5)
+    return image
+
+
+def add_unscattered(
+    image: Real,
+    telescope: Telescope,
+    field: Field,
+    specular_fraction: float,
+    spot: Spot,
+    detector: Detector,
+    tolerance: Tolerance,
+) -> float:
+    """Add exp(-G) PSF_G to ``image``; returns its estimated error in any sub-pixel, as a fraction of all light."""
+    edges_x, edges_y = detector.edges(0), detector.edges(1)
+    rows = _span(edges_y, spot.y_min, spot.y_max)
+    columns = _span(edges_x, spot.x_min, spot.x_max)
+    if specular_fraction == 0.0 or rows.stop <= rows.start or columns.stop <= columns.start:
+        return 0.0
+    unscattered, error = unscattered_on_grid(
+        telescope,
+        field,
+        edges_x[columns.start : columns.stop + 1],
+        edges_y[rows.start : rows.stop + 1],
+        0.3 * tolerance.ee / specular_fraction,
+    )
+    image[rows, columns] += specular_fraction * unscattered
+    return specular_fraction * error
+
+
+def _add_by_moments(
+    image: Real,
+    edges_x: Real,
+    edges_y: Real,
+    mixture: GaussianMixture,
+    spot: Spot,
+    moments: Real,
+    order: Index,
+    tolerance: Tolerance,
+) -> None:
+    """Add the terms whose ``order`` is not negative, in nested blocks about the centroid, the widest first."""
     radius = _radius_of_influence(mixture, spot, tolerance)
     whole = 0.5 * math.hypot(edges_x[-1] - edges_x[0], edges_y[-1] - edges_y[0])
     level = np.maximum(np.floor(np.log(whole / radius) / math.log(_LEVEL)), 0.0)
-    cell = edges_x[1] - edges_x[0]
-    level[radius < _SMALLEST_BLOCK * cell] = np.inf
+    level[radius < _SMALLEST_BLOCK * (edges_x[1] - edges_x[0])] = np.inf
     for this in np.unique(level[order >= 0]):
         members = (level == this) & (order >= 0)
         reach = float(radius[members].max()) if this > 0.0 else math.inf
@@ -106,10 +121,6 @@ def _add_wide_and_narrow(
             np.matmul(left, right, out=image)
         else:
             image[rows, columns] += left @ right
-    spacing = ray_spacing(np.sqrt(mixture.variance), mixture.weight, 0.1 * tolerance.ee / mixture.weight.size)
-    for k in np.flatnonzero(order < 0):
-        rays = ray_bundle(telescope, field, *nodes_for_spacing(telescope, field, float(spacing[k])))
-        _add_by_rays(image, edges_x, edges_y, rays, float(mixture.weight[k]), float(mixture.variance[k]) ** 0.5)
 
 
 def _factors(

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,3 +45,9 @@ class Detector:
         x, y = self.start(0), self.start(1)
         width = self.pixels * self.pixel
         return x, x + width, y, y + width
+
+    def edges(self, axis: Literal[0, 1]) -> NDArray[np.float64]:
+        """The edges of the sub-pixels along x (axis 0) or y (axis 1) about the Gaussian image point [mm]."""
+        import numpy as np  # here, so that reading a system file does not load it
+
+        return self.start(axis) + self.sub_pixel * np.arange(self.sub_pixels + 1)

@@ -13,17 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.geometric import nodes_for_spacing, ray_bundle
+from psfcli.image.grid import Detector
 from psfcli.image.result import Spot
-from psfcli.image.scatter import scatter_terms
+from psfcli.image.scatter import Halo, scatter_terms
+from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.surface.harvey_shack import phase_variance, transfer_exponent
 from psfcli.surface.surface import Surface
 from psfcli.telescope.system import Field, Telescope
+from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
 
 _POINTS = 4096
 _DECADES_BELOW, _DECADES_ABOVE = 7.0, 9.0  # of q about the knees: the transform's period in the logarithm
 _CORNER_NODES = 48
+_RAYS_AT_ONCE = 512
 _FARTHEST_RAY_SHARE = 0.25  # ray spacing as a share of the distance to the nearest edge
 
 
@@ -78,34 +82,51 @@ def encircled_energy(surfaces: Sequence[Surface], telescope: Telescope, waveleng
     return EncircledEnergy(float(offset - log_q[-1] - math.log(2.0 * math.pi)), step, energy)
 
 
-def scattered_outside(
+def outside_window(
     telescope: Telescope,
     field: Field,
     spot: Spot,
+    halo: Halo,
     encircled: EncircledEnergy | None,
-    scattered_fraction: float,
+    detector: Detector,
+    tolerance: Tolerance,
+) -> float:
+    """The fraction of all light that misses the detector's window, scattered and unscattered, within ``tolerance.ee``."""
+    x_start, x_stop, y_start, y_stop = window = detector.bounds()
+    outside = 0.0
+    if halo.specular_fraction > 0.0 and not (
+        x_start < spot.x_min and spot.x_max < x_stop and y_start < spot.y_min and spot.y_max < y_stop
+    ):
+        edges_x, edges_y = np.array([x_start, x_stop]), np.array([y_start, y_stop])
+        cell, _ = unscattered_on_grid(telescope, field, edges_x, edges_y, 0.3 * tolerance.ee / halo.specular_fraction)
+        outside += halo.specular_fraction * (1.0 - float(cell[0, 0]))
+    if encircled is not None:
+        core_width = math.sqrt(float(halo.mixture.variance[0]))
+        inside = _scattered_inside(telescope, field, spot, encircled, core_width, window)
+        outside += (1.0 - halo.specular_fraction) - inside
+    return outside
+
+
+def _scattered_inside(
+    telescope: Telescope,
+    field: Field,
+    spot: Spot,
+    encircled: EncircledEnergy,
     core_width: float,
     window: tuple[float, float, float, float],
 ) -> float:
-    """The scattered light, as a fraction of all light, outside the ``window`` (x_start, x_stop, y_start, y_stop) [mm].
+    """The scattered light, as a fraction of all light, inside the ``window`` (x_start, x_stop, y_start, y_stop) [mm].
 
     A rectangle is a signed sum of four corners, each I(X, Y) = (1/2 pi)[Int_0^atan(Y/X) E(X/cos t) dt + the like in
-    Y], averaged over rays through the pupil.
+    Y], averaged over rays through the pupil: as close as the narrowest core where an edge is near the spot.
     """
-    if encircled is None:
-        return 0.0
     x_start, x_stop, y_start, y_stop = window
-    clearance = min(
-        abs(edge - bound)
-        for edges, bounds in (((x_start, x_stop), (spot.x_min, spot.x_max)), ((y_start, y_stop), (spot.y_min, spot.y_max)))
-        for edge in edges
-        for bound in bounds
-    )
+    clearance = min(spot.x_min - x_start, x_stop - spot.x_max, spot.y_min - y_start, y_stop - spot.y_max)
     spacing = max(core_width, _FARTHEST_RAY_SHARE * clearance)
     rays = ray_bundle(telescope, field, *nodes_for_spacing(telescope, field, spacing))
     inside = 0.0
-    for first in range(0, rays.x.size, 512):
-        part = slice(first, first + 512)
+    for first in range(0, rays.x.size, _RAYS_AT_ONCE):
+        part = slice(first, first + _RAYS_AT_ONCE)
         x, y, share = rays.x[part], rays.y[part], rays.share[part]
         corners = (
             _corner(encircled, x_stop - x, y_stop - y)
@@ -114,7 +135,7 @@ def scattered_outside(
             + _corner(encircled, x_start - x, y_start - y)
         )
         inside += float(share @ corners)
-    return scattered_fraction - inside
+    return inside
 
 
 def _corner(encircled: EncircledEnergy, x: Real, y: Real) -> Real:

@@ -1,67 +1,32 @@
-"""The unscattered light, exactly in pupil radius: PSF_G integrated over pixels and boxes without ray noise.
+"""The unscattered light, PSF_G integrated over pixels and boxes, as exact as asked.
 
-Along one pupil azimuth the landing point is a cubic in rho. Its crossings with the edges of the cells cut the radius
-into pieces that land in one cell each, of power proportional to the difference of rho^2. No density is needed, so a
-perfect image, a line focus and a caustic are as good as any. The sum over azimuths is a midpoint rule, whose error
-falls like N^-3/2 to N^-2; the change at the last tripling tells how far it has fallen.
+Exact in pupil radius (crossings.py). In azimuth each slice is integrated by Gauss's three-point rule and split in halves
+wherever the halves disagree: kinks, where a fan begins to meet a corner of a cell or the rim, are narrowed down, smooth
+stretches are left alone. What the last splits changed tells the error. Lengths in mm.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.geometric import azimuth_rule, ray_fans
+from psfcli.image.crossings import Pieces, pieces_between
+from psfcli.image.geometric import along_fans, ray_fans
 from psfcli.telescope.system import Field, Telescope
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
+Assignment = tuple[Index, Real]  # cells of pieces (-1: none) and the part of each piece's share that lands there
 
-_NEWTON_STEPS = 60
-_FIRST_AZIMUTHS = 60  # a multiple of 4, so that slices end where fans jump from one side of an edge to the other
-_MOST_AZIMUTHS = 60 * 3**7
-_GAIN = 3.0**1.5 - 1.0  # the error left after tripling, as a share of the change, at the slower rate
-
-
-@dataclass(frozen=True, slots=True)
-class Pieces:
-    """Stretches of the ray fans, each within one cell: power (a fraction of the unscattered light; all add to 1)
-
-    and landing point of the middle [mm].
-    """
-
-    power: Real
-    x: Real
-    y: Real
-
-
-def pieces_between(telescope: Telescope, field: Field, azimuths: int, edges_x: Real, edges_y: Real) -> Pieces:
-    """The ray fans along ``azimuths`` azimuths cut at every crossing with x in ``edges_x`` and y in ``edges_y`` [mm].
-
-    Edges must increase.
-    """
-    inner = telescope.pupil.obscuration
-    fans_x, fans_y = ray_fans(telescope, field, azimuth_rule(telescope, field, azimuths))
-    fan = [np.arange(azimuths), np.arange(azimuths)]
-    rho = [np.full(azimuths, inner), np.ones(azimuths)]
-    for fans, edges in ((fans_x, edges_x), (fans_y, edges_y)):
-        crossing_fan, crossing_rho = _crossings(fans, inner, edges)
-        fan.append(crossing_fan)
-        rho.append(crossing_rho)
-    all_fan, all_rho = np.concatenate(fan), np.concatenate(rho)
-    order = np.lexsort((all_rho, all_fan))
-    all_fan, all_rho = all_fan[order], all_rho[order]
-    within = all_fan[1:] == all_fan[:-1]
-    start, stop, which = all_rho[:-1][within], all_rho[1:][within], all_fan[1:][within]
-    middle = 0.5 * (start + stop)
-    return Pieces(
-        power=(stop - start) * (stop + start) / ((1.0 - inner**2) * azimuths),
-        x=_cubic(fans_x[:, which], middle),
-        y=_cubic(fans_y[:, which], middle),
-    )
+_FIRST_SLICES = 16  # a multiple of 4: slices end where fans jump from one side of an edge to the other
+_MOST_FANS = 1_000_000
+_SLICES_AT_ONCE = 512
+_BUCKETS = 1021  # cells are told apart modulo this when slices are judged
+_GAIN = 2.0  # a kink's error falls by 2^(3/2) to 4 from a slice to its halves; what is left, as a share of the change
+_NODE, _WEIGHT = np.polynomial.legendre.leggauss(3)
 
 
 def unscattered_on_grid(
@@ -73,17 +38,22 @@ def unscattered_on_grid(
     """
     rows, columns = edges_y.size - 1, edges_x.size - 1
 
-    def in_cells(pieces: Pieces) -> Real:
-        cells = np.zeros(rows * columns)
-        for column, column_share in _cells(pieces.x, edges_x):
-            for row, row_share in _cells(pieces.y, edges_y):
-                power = pieces.power * row_share * column_share
-                inside = (power > 0.0) & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-                cells += np.bincount(row[inside] * columns + column[inside], power[inside], cells.size)
-        return cells
+    def cells(pieces: Pieces) -> list[Assignment]:
+        return [
+            (
+                np.where(
+                    (row >= 0) & (row < rows) & (column >= 0) & (column < columns), row * columns + column, -1
+                ),
+                row_part * column_part,
+            )
+            for column, column_part in _cells(pieces.x, edges_x)
+            for row, row_part in _cells(pieces.y, edges_y)
+        ]
 
-    cells, error = _settled(telescope, field, edges_x, edges_y, in_cells, tolerance)
-    return cells.reshape(rows, columns), error
+    symmetric = _mirror_symmetric(telescope, field) and np.allclose(edges_x, -edges_x[::-1], rtol=0.0, atol=1e-12)
+    energy, error = _integrated(telescope, field, edges_x, edges_y, cells, rows * columns, tolerance, half=symmetric)
+    grid = energy.reshape(rows, columns)
+    return (0.5 * (grid + grid[:, ::-1]) if symmetric else grid), error
 
 
 def unscattered_in_boxes(
@@ -94,95 +64,145 @@ def unscattered_in_boxes(
     and their estimated error.
     """
 
-    def in_boxes(pieces: Pieces) -> Real:
+    def rings(pieces: Pieces) -> list[Assignment]:
         distance = np.maximum(np.abs(pieces.x - centre[0]), np.abs(pieces.y - centre[1]))
-        level = np.searchsorted(half_width, distance)
-        return np.cumsum(np.bincount(level, pieces.power, half_width.size + 1))[:-1]
+        return [(np.searchsorted(half_width, distance), np.ones_like(distance))]
 
     edges = np.concatenate([-half_width[::-1], half_width])
-    boxes, error = _settled(telescope, field, centre[0] + edges, centre[1] + edges, in_boxes, tolerance)
-    return np.minimum(boxes, 1.0), error
+    symmetric = _mirror_symmetric(telescope, field) and centre[0] == 0.0
+    energy, error = _integrated(
+        telescope,
+        field,
+        centre[0] + edges,
+        centre[1] + edges,
+        rings,
+        half_width.size + 1,
+        tolerance,
+        half=symmetric,
+        common_centre=centre,
+    )
+    return np.minimum(np.cumsum(energy)[:-1], 1.0), error
 
 
-def _settled(
+def _mirror_symmetric(telescope: Telescope, field: Field) -> bool:
+    """Whether the image is symmetric in x: the whole annulus is lit and the field lies along y."""
+    return telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
+
+
+def _integrated(
     telescope: Telescope,
     field: Field,
     edges_x: Real,
     edges_y: Real,
-    gather: Callable[[Pieces], Real],
+    assign: Callable[[Pieces], list[Assignment]],
+    cells: int,
     tolerance: float,
+    *,
+    half: bool,
+    common_centre: tuple[float, float] | None = None,
 ) -> tuple[Real, float]:
-    """What ``gather`` makes of the pieces, with azimuths tripled until the change promises ``tolerance``, and its error."""
-    azimuths = _FIRST_AZIMUTHS
-    coarse = gather(pieces_between(telescope, field, azimuths, edges_x, edges_y))
+    """The light in each cell, shape (cells,), summed over azimuth slices until ``tolerance`` is met, and its error.
+
+    ``half``: only the azimuths from pi/2 to 3 pi/2, which stand for the others. With a ``common_centre`` the cells are
+    nested rings about it, and the error counts for the running sum over them.
+    """
+    left, width = _first_slices(telescope, field, tolerance, half, common_centre)
+    total = float(width.sum())
+    buckets = min(cells, _BUCKETS)
+    cumulative = common_centre is not None
+
+    def integrate(left: Real, width: Real) -> tuple[list[tuple[Index, Index, Real]], Real]:
+        """Per slice: (slice, cell, power) of its pieces, and the power per bucket, shape (slices, buckets)."""
+        azimuth = (left + width * (0.5 + 0.5 * _NODE[:, None])).ravel()
+        power = (0.5 * _WEIGHT[:, None] * width / total).ravel()
+        pieces = pieces_between(telescope, field, azimuth, edges_x, edges_y)
+        deposits = []
+        judged = np.zeros(left.size * buckets)
+        for cell, part in assign(pieces):
+            lit = (cell >= 0) & (part > 0.0)
+            fan = pieces.fan[lit]
+            amount = pieces.share[lit] * part[lit] * power[fan]
+            piece_slice = fan % left.size
+            deposits.append((piece_slice, cell[lit], amount))
+            judged += np.bincount(piece_slice * buckets + cell[lit] % buckets, amount, judged.size)
+        return deposits, judged.reshape(left.size, buckets)
+
+    energy = np.zeros(cells)
+    doubt = np.zeros(buckets)
+    coarse = integrate(left, width)[1]
+    fans = 3 * left.size
+    while left.size:
+        later_left, later_width, later_coarse = [], [], []
+        for first in range(0, left.size, _SLICES_AT_ONCE):
+            part = slice(first, first + _SLICES_AT_ONCE)
+            halves_width = np.repeat(0.5 * width[part], 2)
+            halves_left = np.repeat(left[part], 2)
+            halves_left[1::2] += halves_width[1::2]
+            deposits, fine = integrate(halves_left, halves_width)
+            change = np.abs(_running(fine[0::2] + fine[1::2] - coarse[part], cumulative))
+            settled = change.max(axis=1) <= tolerance * _share_of_slice(width[part], total)
+            if fans > _MOST_FANS:
+                settled[:] = True
+            doubt += change[settled].sum(axis=0)
+            keep = np.repeat(settled, 2)
+            for which, cell, amount in deposits:
+                kept = keep[which]
+                energy += np.bincount(cell[kept], amount[kept], cells)
+            later_left.append(halves_left[~keep])
+            later_width.append(halves_width[~keep])
+            later_coarse.append(fine[~keep])
+            fans += 6 * int(np.count_nonzero(~settled))
+        left, width, coarse = (np.concatenate(parts) for parts in (later_left, later_width, later_coarse))
+    return energy, float(doubt.max()) / _GAIN
+
+
+def _first_slices(
+    telescope: Telescope, field: Field, tolerance: float, half: bool, common_centre: tuple[float, float] | None
+) -> tuple[Real, Real]:
+    """Left ends and widths of slices narrow enough that no feature worth ``tolerance`` falls between their fans.
+
+    A cap cut off at the rim, delta wide in azimuth, holds of the order of delta^3. Boxes about a centre shrink to
+    nothing there, so slices whose fans pass at a distance d are no wider than a good part of d, down to boxes that
+    hold less than the tolerance themselves.
+    """
+    start, stop = telescope.pupil.sector
+    if telescope.pupil.is_full_annulus:
+        start, stop = 0.5 * math.pi, (1.5 if half else 2.5) * math.pi
+    count = 4 * math.ceil(max(_FIRST_SLICES, 0.5 * tolerance ** (-1.0 / 3.0)) / 4.0)
+    width = np.full(count, (stop - start) / count)
+    left = start + width * np.arange(count)
+    if common_centre is None:
+        return left, width
+    rho = np.linspace(telescope.pupil.obscuration, 1.0, 33)
     while True:
-        azimuths *= 3
-        fine = gather(pieces_between(telescope, field, azimuths, edges_x, edges_y))
-        error = float(np.max(np.abs(fine - coarse), initial=0.0)) / _GAIN
-        if error <= tolerance or azimuths >= _MOST_AZIMUTHS:
-            return fine, error
-        coarse = fine
+        fans_x, fans_y = ray_fans(telescope, field, np.append(left, stop))
+        x, y = along_fans(fans_x, rho) - common_centre[0], along_fans(fans_y, rho) - common_centre[1]
+        distance = np.hypot(x, y)
+        between = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1))
+        hop = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).max(axis=0)
+        near = np.maximum(distance.min(axis=0) - 0.5 * hop, math.sqrt(tolerance) * distance.max())
+        split = between.max(axis=0) > np.maximum(near[1:], near[:-1])
+        split &= left.size < _MOST_FANS // 100
+        if not split.any():
+            return left, width
+        pieces = np.where(split, 2, 1)
+        width = np.repeat(width / pieces, pieces)
+        left = np.append(start, start + np.cumsum(width)[:-1])
 
 
-def _cells(position: Real, edges: Real) -> tuple[tuple[Index, Real], tuple[Index, Real]]:
-    """The two candidate cells of each position with their shares: all in one, or half and half on an edge."""
+def _running(change: Real, cumulative: bool) -> Real:
+    return np.cumsum(change, axis=1) if cumulative else change
+
+
+def _share_of_slice(width: Real, total: float) -> Real:
+    """The share of the tolerance a slice may use: few slices hold a kink of any one cell, many are smooth."""
+    return np.maximum(width / total, 0.02)
+
+
+def _cells(position: Real, edges: Real) -> tuple[Assignment, Assignment]:
+    """The two candidate cells of each position with their parts: all in one, or half and half on an edge."""
     coordinate = (position - edges[0]) / (edges[-1] - edges[0]) * (edges.size - 1)
     nearest = np.rint(coordinate)
     on_edge = np.abs(coordinate - nearest) < 1e-9
     cell = np.where(on_edge, nearest, np.floor(coordinate)).astype(np.intp)
     return (cell, np.where(on_edge, 0.5, 1.0)), (cell - 1, np.where(on_edge, 0.5, 0.0))
-
-
-def _cubic(coefficients: Real, rho: Real) -> Real:
-    a0, a1, a2, a3 = coefficients
-    value: Real = ((a3 * rho + a2) * rho + a1) * rho + a0
-    return value
-
-
-def _crossings(fans: Real, inner: float, edges: Real) -> tuple[Index, Real]:
-    """Every crossing of the cubics ``fans`` (4, azimuths) with the ``edges`` for inner < rho < 1: azimuth index, rho.
-
-    Between its turning points a cubic is monotone and meets each edge in its range once.
-    """
-    turning = np.sort(_turning_points(fans, inner), axis=0)
-    limits = np.concatenate([np.full((1, fans.shape[1]), inner), turning, np.ones((1, fans.shape[1]))])
-    value = _cubic(fans[:, None, :], limits)
-    low, high = np.minimum(value[1:], value[:-1]), np.maximum(value[1:], value[:-1])
-    first = np.searchsorted(edges, low.ravel(), side="right")
-    count = np.searchsorted(edges, high.ravel(), side="left") - first
-    count = np.maximum(count, 0)
-    branch = np.repeat(np.arange(count.size), count)
-    edge = edges[np.arange(branch.size) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)]
-    fan = branch % fans.shape[1]
-    start, stop = limits[:-1].ravel()[branch], limits[1:].ravel()[branch]
-    rising = (value[1:] > value[:-1]).ravel()[branch]
-    return fan, _monotone_root(fans[:, fan], edge, start, stop, rising)
-
-
-def _turning_points(fans: Real, inner: float) -> Real:
-    """Zeros of the cubics' derivatives within (inner, 1), shape (2, azimuths); 1 where there is none."""
-    _, c, b, a = fans * np.array([0.0, 1.0, 2.0, 3.0])[:, None]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        q = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
-        roots = np.stack([q / a, c / q])
-        return np.where((roots > inner) & (roots < 1.0), roots, 1.0)
-
-
-def _monotone_root(coefficients: Real, target: Real, start: Real, stop: Real, rising: NDArray[np.bool_]) -> Real:
-    """The root of cubic = target within (start, stop), where the cubic is monotone: Newton's steps kept in a bracket."""
-    low, high = start.copy(), stop.copy()
-    rho = 0.5 * (low + high)
-    a0, a1, a2, a3 = coefficients
-    for _ in range(_NEWTON_STEPS):
-        excess = ((a3 * rho + a2) * rho + a1) * rho + (a0 - target)
-        below = (excess < 0.0) == rising
-        low, high = np.where(below, rho, low), np.where(below, high, rho)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            step = excess / ((3.0 * a3 * rho + 2.0 * a2) * rho + a1)
-        following = rho - step
-        following = np.where((following > low) & (following < high), following, 0.5 * (low + high))
-        moved = np.max(np.abs(following - rho), initial=0.0)
-        rho = following
-        if moved < 1e-14:
-            break
-    return rho

@@ -1,1 +1,5 @@
-""""""
+"""Products: the files a run leaves behind, whole or not at all, and how two of them compare."""
+
+from psfcli.products.atomic import OutputError
+
+__all__ = ["OutputError"]

@@ -1,0 +1,72 @@
+"""From a system file and the options of a command to a checked system."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from psfcli.config.build import build
+from psfcli.config.check import check
+from psfcli.config.faults import Faults, Place
+from psfcli.config.growing import grow
+from psfcli.config.options import with_options
+from psfcli.config.paths import follow
+from psfcli.config.rules import RULES, Finding, warnings
+from psfcli.config.source import read
+from psfcli.config.table import SYSTEM
+from psfcli.config.tree import Broken, Mapping, Node, Scalar
+from psfcli.config.writing import written
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from psfcli.config.model import System
+    from psfcli.tolerance import Tolerance
+
+
+def load(
+    source: str | Path,
+    overrides: Sequence[str] = (),
+    fields: Sequence[str] | None = None,
+    tolerance: Tolerance | str | None = None,
+) -> System:
+    """The system a file describes, in the units used inside; ``-`` is standard input.
+
+    ``overrides`` are ``dotted.key=value`` strings, ``fields`` replace the file's (each a field as in the file), and
+    ``tolerance`` replaces its accuracy, by name or by number.
+
+    Raises ConfigError, with every fault, when the file or an option cannot be used.
+    """
+    name, text = read(source)
+    faults = Faults()
+
+    def locate(line: int, column: int) -> Place:
+        return Place(0, line, column, f"{name}:{line}:{column}")
+
+    root = grow(text, locate, faults)
+    if isinstance(root, Scalar) and root.value is None:
+        faults.add(locate(1, 1), (), "empty; a system file begins with schema: 1")
+        root = Broken(root.place)
+    if isinstance(root, Broken):
+        faults.raise_if_any()
+    if isinstance(root, Mapping):
+        root = replace(root, key=locate(1, 1))  # what is missing at the top is told there
+        tree = with_options(root, overrides, fields, tolerance, faults)
+    else:
+        tree = root
+    values = check(tree, SYSTEM, faults)
+    for rule in RULES if values is not None else ():
+        for finding in rule(values):
+            _tell(finding, tree, faults)
+    faults.raise_if_any()
+    return build(values, text if tree is root else written(tree), tuple(warnings(values)))
+
+
+def _tell(finding: Finding, tree: Node, faults: Faults) -> None:
+    node, steps = follow(tree, finding.steps)
+    place = node.key if finding.key and isinstance(node, Mapping) else node.place
+    others = [follow(tree, path)[0].place for path in finding.against]
+    blamed = max([place, *(other for other in others if other.option)])
+    problem = f"{node.shown} {finding.problem}" if isinstance(node, Scalar) else finding.problem
+    faults.add(blamed, (*steps, finding.key) if finding.key else steps, problem)

@@ -1,0 +1,24 @@
+"""The judge: what the tests hold the product against.
+
+Nothing here imports psfcli, and no method is shared with it. Plain functions on plain numbers: lengths in mm, spatial
+frequencies in cycles/mm, angles in rad, energies as fractions of all light.
+
+=============  ==================================================================================================
+module         what it computes, and how
+=============  ==================================================================================================
+system         ``TruthSystem``: the numbers that define a case
+correlation    1 - rho(u) of a K-correlation surface, in doubles and in mpmath
+scatter        transfer functions; S(r) by a log-convolution in mpmath, by FFTLog, by panels between Bessel zeros
+horizon        what the clip at the horizon takes away from S
+geometry       third-order ray errors, counted rays, closed forms of simple spots
+specular       unscattered light in a rectangle: roots of quartics on rings of the pupil
+ensquared      energies of pixels, boxes and of all that lies outside a window
+montecarlo     sampled deviations and ray errors
+=============  ==================================================================================================
+"""
+
+from .ensquared import box_energy, outside_fraction, pixel_energy
+from .scatter import scatter_psf
+from .system import TruthSystem
+
+__all__ = ["TruthSystem", "box_energy", "outside_fraction", "pixel_energy", "scatter_psf"]
