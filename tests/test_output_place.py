@@ -273,7 +273,15 @@ def test_an_unwritable_place_is_told():
         pass
 
 
-def test_images_that_were_announced_must_come(tmp_path):
-    with pytest.raises(ValueError, match="0 images were added and 3 announced"), ProductWriter(tmp_path, run_header()):
-        pass
+@pytest.mark.parametrize("added", [(), (0, 1), (0, 1, 1)])
+def test_images_that_were_announced_must_come_once_each(tmp_path, added):
+    with pytest.raises(ValueError, match="3 announced"):
+        write_images(tmp_path, added)
     assert contents(tmp_path) == {}
+
+
+def write_images(directory, indices):
+    header = run_header()
+    with ProductWriter(directory, header) as products:
+        for index in indices:
+            products.add(0, index, random_image(header))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 
 import click
 
@@ -64,6 +65,9 @@ def _told(error: Exception) -> int | None:
     if isinstance(error, OutputError):
         click.echo(str(error), err=True)
         return 4
+    if "psfcli.recipe" in sys.modules and isinstance(error, sys.modules["psfcli.recipe"].SceneTooLarge):
+        click.echo(str(error), err=True)
+        return 1
     return None
 
 

@@ -18,7 +18,7 @@ from psfcli.telescope.system import Field, Telescope
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-_NEWTON_STEPS = 60
+_LAGUERRE_STEPS = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +39,12 @@ def pieces_between(telescope: Telescope, field: Field, azimuth: Real, edges_x: R
     inner = telescope.pupil.obscuration
     fans_x, fans_y = ray_fans(telescope, field, azimuth)
     each = np.arange(azimuth.size)
-    fan = [each, each]
-    rho = [np.full(azimuth.size, inner), np.ones(azimuth.size)]
-    for fans, edges in ((fans_x, edges_x), (fans_y, edges_y)):
-        crossing_fan, crossing_rho = _crossings(fans, inner, edges)
-        fan.append(crossing_fan)
-        rho.append(crossing_rho)
+    crossings = [
+        _bracketed_crossings(fans, inner, edges) for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))
+    ]
+    cubics, start, stop, crossing_fan = (np.concatenate(column, axis=-1) for column in zip(*crossings, strict=True))
+    fan = [each, each, crossing_fan]
+    rho = [np.full(azimuth.size, inner), np.ones(azimuth.size), _root_between(cubics, start, stop)]
     all_fan, all_rho = np.concatenate(fan), np.concatenate(rho)
     order = np.lexsort((all_rho, all_fan))
     all_fan, all_rho = all_fan[order], all_rho[order]
@@ -65,9 +65,10 @@ def _cubic(coefficients: Real, rho: Real) -> Real:
     return value
 
 
-def _crossings(fans: Real, inner: float, edges: Real) -> tuple[Index, Real]:
-    """Every crossing of the cubics ``fans`` (4, azimuths) with the ``edges`` for inner < rho < 1: azimuth index, rho.
+def _bracketed_crossings(fans: Real, inner: float, edges: Real) -> tuple[Real, Real, Real, Index]:
+    """Every crossing of the cubics ``fans`` (4, azimuths) with the ``edges`` for inner < rho < 1.
 
+    Returns the cubics less their edges, shape (4, crossings), brackets in which each has one root, and fan indices.
     Between its turning points a cubic is monotone and meets each edge in its range once.
     """
     turning = np.sort(_turning_points(fans, inner), axis=0)
@@ -75,14 +76,13 @@ def _crossings(fans: Real, inner: float, edges: Real) -> tuple[Index, Real]:
     value = _cubic(fans[:, None, :], limits)
     low, high = np.minimum(value[1:], value[:-1]), np.maximum(value[1:], value[:-1])
     first = np.searchsorted(edges, low.ravel(), side="right")
-    count = np.searchsorted(edges, high.ravel(), side="left") - first
-    count = np.maximum(count, 0)
+    count = np.maximum(np.searchsorted(edges, high.ravel(), side="left") - first, 0)
     branch = np.repeat(np.arange(count.size), count)
-    edge = edges[np.arange(branch.size) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)]
+    edge = edges[np.arange(branch.size) + np.repeat(first - np.cumsum(count) + count, count)]
     fan = branch % fans.shape[1]
-    start, stop = limits[:-1].ravel()[branch], limits[1:].ravel()[branch]
-    rising = (value[1:] > value[:-1]).ravel()[branch]
-    return fan, _monotone_root(fans[:, fan], edge, start, stop, rising)
+    cubics = fans[:, fan]
+    cubics[0] -= edge
+    return cubics, limits[:-1].ravel()[branch], limits[1:].ravel()[branch], fan
 
 
 def _turning_points(fans: Real, inner: float) -> Real:
@@ -94,21 +94,39 @@ def _turning_points(fans: Real, inner: float) -> Real:
         return np.where((roots > inner) & (roots < 1.0), roots, 1.0)
 
 
-def _monotone_root(coefficients: Real, target: Real, start: Real, stop: Real, rising: NDArray[np.bool_]) -> Real:
-    """The root of cubic = target within (start, stop), where the cubic is monotone: Newton's steps kept in a bracket."""
-    low, high = start.copy(), stop.copy()
-    rho = 0.5 * (low + high)
-    a0, a1, a2, a3 = coefficients
-    for _ in range(_NEWTON_STEPS):
-        excess = ((a3 * rho + a2) * rho + a1) * rho + (a0 - target)
-        below = (excess < 0.0) == rising
-        low, high = np.where(below, rho, low), np.where(below, high, rho)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            step = excess / ((3.0 * a3 * rho + 2.0 * a2) * rho + a1)
-        following = rho - step
-        following = np.where((following > low) & (following < high), following, 0.5 * (low + high))
-        moved = np.max(np.abs(following - rho), initial=0.0)
-        rho = following
-        if moved < 1e-14:
+def _root_between(cubics: Real, start: Real, stop: Real) -> Real:
+    """The root of each of the ``cubics`` (4, n) within (start, stop), where it has one: Laguerre's steps in a bracket.
+
+    Good to rounding; at a root about to become double that is the square root of rounding, in rho.
+    """
+    root = 0.5 * (start + stop)
+    active = np.arange(root.size)
+    low, high = start, stop
+    rising = _cubic(cubics, high) > _cubic(cubics, low)
+    noise = 4.0 * np.finfo(np.float64).eps * np.abs(cubics).sum(axis=0)
+    for _ in range(_LAGUERRE_STEPS):
+        if active.size == 0:
             break
-    return rho
+        c0, c1, c2, c3 = cubics
+        rho = root[active]
+        value = ((c3 * rho + c2) * rho + c1) * rho + c0
+        slope = (3.0 * c3 * rho + 2.0 * c2) * rho + c1
+        curvature = 6.0 * c3 * rho + 2.0 * c2
+        below = (value < 0.0) == rising
+        low, high = np.where(below, rho, low), np.where(below, high, rho)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spread = np.sqrt(np.maximum(4.0 * slope**2 - 6.0 * value * curvature, 0.0))
+            following = rho - 3.0 * value / (slope + np.copysign(spread, slope))
+        following = np.where((following > low) & (following < high), following, 0.5 * (low + high))
+        unsolved = np.abs(value) > noise
+        root[active] = np.where(unsolved, following, rho)
+        moving = unsolved & (np.abs(following - rho) > 1e-15)
+        active, cubics, low, high, rising, noise = (
+            active[moving],
+            cubics[:, moving],
+            low[moving],
+            high[moving],
+            rising[moving],
+            noise[moving],
+        )
+    return root

@@ -1,8 +1,7 @@
 """The unscattered light, PSF_G integrated over pixels and boxes, as exact as asked.
 
-Exact in pupil radius (crossings.py). In azimuth each slice is integrated by Gauss's three-point rule and split in halves
-wherever the halves disagree: kinks, where a fan begins to meet a corner of a cell or the rim, are narrowed down, smooth
-stretches are left alone. What the last splits changed tells the error. Lengths in mm.
+Exact in pupil radius (crossings.py). In azimuth the light of a cell is smooth but for kinks, where a fan begins to meet
+a corner of the cell, the rim or a fold, so slices are halved where they matter (quadrature.py). Lengths in mm.
 """
 
 from __future__ import annotations
@@ -15,18 +14,17 @@ from numpy.typing import NDArray
 
 from psfcli.image.crossings import Pieces, pieces_between
 from psfcli.image.geometric import along_fans, ray_fans
+from psfcli.image.quadrature import integrate_adaptively
 from psfcli.telescope.system import Field, Telescope
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 Assignment = tuple[Index, Real]  # cells of pieces (-1: none) and the part of each piece's share that lands there
 
-_FIRST_SLICES = 16  # a multiple of 4: slices end where fans jump from one side of an edge to the other
-_MOST_FANS = 1_000_000
-_SLICES_AT_ONCE = 512
+_FEWEST_SLICES = 16  # a multiple of 4: slices end where fans jump from one side of an edge to the other
+_MOST_FIRST_SLICES = 10_000
+_FANS_AT_ONCE = 2048
 _BUCKETS = 1021  # cells are told apart modulo this when slices are judged
-_GAIN = 2.0  # a kink's error falls by 2^(3/2) to 4 from a slice to its halves; what is left, as a share of the change
-_NODE, _WEIGHT = np.polynomial.legendre.leggauss(3)
 
 
 def unscattered_on_grid(
@@ -81,7 +79,7 @@ def unscattered_in_boxes(
         half=symmetric,
         common_centre=centre,
     )
-    return np.minimum(np.cumsum(energy)[:-1], 1.0), error
+    return np.minimum(energy[:-1], 1.0), error
 
 
 def _mirror_symmetric(telescope: Telescope, field: Field) -> bool:
@@ -101,102 +99,70 @@ def _integrated(
     half: bool,
     common_centre: tuple[float, float] | None = None,
 ) -> tuple[Real, float]:
-    """The light in each cell, shape (cells,), summed over azimuth slices until ``tolerance`` is met, and its error.
+    """The light in each cell, shape (cells,), integrated over azimuth until ``tolerance`` is met, and its error.
 
     ``half``: only the azimuths from pi/2 to 3 pi/2, which stand for the others. With a ``common_centre`` the cells are
-    nested rings about it, and the error counts for the running sum over them.
+    nested rings about it, few enough to be told apart, and what is integrated is the running sum over them.
     """
-    left, width = _first_slices(telescope, field, tolerance, half, common_centre)
-    total = float(width.sum())
-    buckets = min(cells, _BUCKETS)
-    cumulative = common_centre is not None
 
-    def integrate(left: Real, width: Real) -> tuple[list[tuple[Index, Index, Real]], Real]:
-        """Per slice: (slice, cell, power) of its pieces, and the power per bucket, shape (slices, buckets)."""
-        azimuth = (left + width * (0.5 + 0.5 * _NODE[:, None])).ravel()
-        power = (0.5 * _WEIGHT[:, None] * width / total).ravel()
+    def gathered(azimuth: Real, modulus: int) -> Real:
+        """The light of each fan per cell modulo ``modulus``, shape (azimuths, modulus)."""
         pieces = pieces_between(telescope, field, azimuth, edges_x, edges_y)
-        deposits = []
-        judged = np.zeros(left.size * buckets)
+        light = np.zeros(azimuth.size * modulus)
         for cell, part in assign(pieces):
             lit = (cell >= 0) & (part > 0.0)
-            fan = pieces.fan[lit]
-            amount = pieces.share[lit] * part[lit] * power[fan]
-            piece_slice = fan % left.size
-            deposits.append((piece_slice, cell[lit], amount))
-            judged += np.bincount(piece_slice * buckets + cell[lit] % buckets, amount, judged.size)
-        return deposits, judged.reshape(left.size, buckets)
+            place = pieces.fan[lit] * modulus + cell[lit] % modulus
+            light += np.bincount(place, pieces.share[lit] * part[lit], light.size)
+        return light.reshape(azimuth.size, modulus)
 
+    def judged(azimuth: Real) -> Real:
+        if common_centre is None:
+            return gathered(azimuth, min(cells, _BUCKETS))
+        return np.cumsum(gathered(azimuth, cells), axis=1)
+
+    bounds = _first_slices(telescope, field, tolerance, half, common_centre)
+    rule = integrate_adaptively(judged, bounds, tolerance * (bounds[-1] - bounds[0]))
+    total = float(bounds[-1] - bounds[0])
+    if common_centre is not None or cells <= _BUCKETS:
+        return rule.integral / total, rule.error / total
     energy = np.zeros(cells)
-    doubt = np.zeros(buckets)
-    coarse = integrate(left, width)[1]
-    fans = 3 * left.size
-    while left.size:
-        later_left, later_width, later_coarse = [], [], []
-        for first in range(0, left.size, _SLICES_AT_ONCE):
-            part = slice(first, first + _SLICES_AT_ONCE)
-            halves_width = np.repeat(0.5 * width[part], 2)
-            halves_left = np.repeat(left[part], 2)
-            halves_left[1::2] += halves_width[1::2]
-            deposits, fine = integrate(halves_left, halves_width)
-            change = np.abs(_running(fine[0::2] + fine[1::2] - coarse[part], cumulative))
-            settled = change.max(axis=1) <= tolerance * _share_of_slice(width[part], total)
-            if fans > _MOST_FANS:
-                settled[:] = True
-            doubt += change[settled].sum(axis=0)
-            keep = np.repeat(settled, 2)
-            for which, cell, amount in deposits:
-                kept = keep[which]
-                energy += np.bincount(cell[kept], amount[kept], cells)
-            later_left.append(halves_left[~keep])
-            later_width.append(halves_width[~keep])
-            later_coarse.append(fine[~keep])
-            fans += 6 * int(np.count_nonzero(~settled))
-        left, width, coarse = (np.concatenate(parts) for parts in (later_left, later_width, later_coarse))
-    return energy, float(doubt.max()) / _GAIN
+    for first in range(0, rule.node.size, _FANS_AT_ONCE):
+        part = slice(first, first + _FANS_AT_ONCE)
+        pieces = pieces_between(telescope, field, rule.node[part], edges_x, edges_y)
+        power = pieces.share * rule.weight[part][pieces.fan] / total
+        for cell, piece_part in assign(pieces):
+            lit = cell >= 0
+            energy += np.bincount(cell[lit], power[lit] * piece_part[lit], cells)
+    return energy, rule.error / total
 
 
 def _first_slices(
     telescope: Telescope, field: Field, tolerance: float, half: bool, common_centre: tuple[float, float] | None
-) -> tuple[Real, Real]:
-    """Left ends and widths of slices narrow enough that no feature worth ``tolerance`` falls between their fans.
+) -> Real:
+    """Bounds of slices narrow enough that no feature worth ``tolerance`` falls between their fans.
 
-    A cap cut off at the rim, delta wide in azimuth, holds of the order of delta^3. Boxes about a centre shrink to
-    nothing there, so slices whose fans pass at a distance d are no wider than a good part of d, down to boxes that
+    A fold of the image that just touches an edge, delta wide in azimuth, holds of the order of delta^2. Boxes about
+    a centre shrink to nothing there, so slices whose fans pass at a distance d are no wider than d, down to boxes that
     hold less than the tolerance themselves.
     """
     start, stop = telescope.pupil.sector
     if telescope.pupil.is_full_annulus:
         start, stop = 0.5 * math.pi, (1.5 if half else 2.5) * math.pi
-    count = 4 * math.ceil(max(_FIRST_SLICES, 0.5 * tolerance ** (-1.0 / 3.0)) / 4.0)
-    width = np.full(count, (stop - start) / count)
-    left = start + width * np.arange(count)
+    bounds = np.linspace(start, stop, 1 + 4 * math.ceil(0.25 * max(_FEWEST_SLICES, 0.1 / math.sqrt(tolerance))))
     if common_centre is None:
-        return left, width
+        return bounds
     rho = np.linspace(telescope.pupil.obscuration, 1.0, 33)
     while True:
-        fans_x, fans_y = ray_fans(telescope, field, np.append(left, stop))
+        fans_x, fans_y = ray_fans(telescope, field, bounds)
         x, y = along_fans(fans_x, rho) - common_centre[0], along_fans(fans_y, rho) - common_centre[1]
         distance = np.hypot(x, y)
-        between = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1))
         hop = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).max(axis=0)
         near = np.maximum(distance.min(axis=0) - 0.5 * hop, math.sqrt(tolerance) * distance.max())
-        split = between.max(axis=0) > np.maximum(near[1:], near[:-1])
-        split &= left.size < _MOST_FANS // 100
-        if not split.any():
-            return left, width
-        pieces = np.where(split, 2, 1)
-        width = np.repeat(width / pieces, pieces)
-        left = np.append(start, start + np.cumsum(width)[:-1])
-
-
-def _running(change: Real, cumulative: bool) -> Real:
-    return np.cumsum(change, axis=1) if cumulative else change
-
-
-def _share_of_slice(width: Real, total: float) -> Real:
-    """The share of the tolerance a slice may use: few slices hold a kink of any one cell, many are smooth."""
-    return np.maximum(width / total, 0.02)
+        width = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).max(axis=0)
+        split = width > 2.0 * np.maximum(near[1:], near[:-1])
+        if not split.any() or bounds.size > _MOST_FIRST_SLICES:
+            return bounds
+        bounds = np.sort(np.append(bounds, 0.5 * (bounds[:-1] + bounds[1:])[split]))
 
 
 def _cells(position: Real, edges: Real) -> tuple[Assignment, Assignment]:

@@ -39,8 +39,12 @@ def fits_differences(a: Path, b: Path, tolerance: Tolerance) -> list[Difference]
     Raises ValueError, KeyError, TypeError or OSError when they are unreadable or of different shape.
     """
     found: list[Difference] = []
-    # astropy warns of a truncated file and goes on
-    with warnings.catch_warnings(action="error"), fits.open(a) as first, fits.open(b) as second:
+    # astropy warns of a truncated file and goes on; mapped, the cubes would fill the memory as they are read
+    with (
+        warnings.catch_warnings(action="error"),
+        fits.open(a, memmap=False) as first,
+        fits.open(b, memmap=False) as second,
+    ):
         names = [[(hdu.name, hdu.ver) for hdu in opened] for opened in (first, second)]
         if names[0] != names[1]:
             odd = sorted(set(names[0]) ^ set(names[1]))

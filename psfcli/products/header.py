@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from psfcli.image.grid import Detector
-    from psfcli.image.result import EnsquaredEnergy, Spot, SurfaceScatter
+    from psfcli.image.result import EnsquaredEnergy, FieldImage, Spot, SurfaceScatter
     from psfcli.telescope.system import Field, Telescope
     from psfcli.tolerance import Tolerance
 
@@ -77,11 +77,19 @@ class ImageSummary:
     power_outside: float
     reached: Tolerance
 
+    @classmethod
+    def of(cls, wavelength_index: int, field_index: int, image: FieldImage) -> ImageSummary:
+        """The summary of ``image``."""
+        inside = None if image.psf is None else float(image.psf.sum())
+        return cls(
+            wavelength_index, field_index, image.spot, image.ensquared, inside, image.power_outside, image.reached
+        )
+
 
 @cache
 def versions() -> dict[str, str]:
     """The versions of psfcli and of what computes and writes for it, by name."""
-    packages = {name: version(name) for name in ("psfcli", "numpy", "scipy", "astropy", "OpenEXR")}
+    packages = {name: version(name) for name in ("psfcli", "numpy", "scipy", "astropy")}
     return {**packages, "python": platform.python_version()}
 
 

@@ -27,7 +27,7 @@ FORMATS = ("fits", "exr", "csv")
 class ProductWriter:
     """Writes the products of a run into ``directory``; a context manager.
 
-    ``add`` every image, wavelength after wavelength. Leaving the ``with`` normally puts all products in place,
+    ``add`` every image once, in any order. Leaving the ``with`` normally puts all products in place,
     the manifest last; leaving it by an exception removes what was written and touches nothing that stood there.
     Only ``overwrite`` allows a directory that holds anything; it replaces and removes products of ours alone.
 
@@ -62,16 +62,12 @@ class ProductWriter:
         return self
 
     def add(self, wavelength_index: int, field_index: int, image: FieldImage) -> None:
-        """Write one image; nothing of its planes is kept but by OpenEXR files that are not yet complete."""
+        """Write one image; nothing of its planes is kept."""
         with output_errors(self._directory):
             for product in (self._fits, self._exr):
                 if product is not None:
                     product.add(wavelength_index, field_index, image)
-        inside = None if image.psf is None else float(image.psf.sum())
-        summary = ImageSummary(
-            wavelength_index, field_index, image.spot, image.ensquared, inside, image.power_outside, image.reached
-        )
-        self._summaries.append(summary)
+        self._summaries.append(ImageSummary.of(wavelength_index, field_index, image))
 
     def __exit__(
         self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
@@ -89,7 +85,7 @@ class ProductWriter:
         free = shutil.disk_usage(self._directory).free
         if needed > free:
             raise OutputError(f"{self._directory}: the products need {needed:.3g} bytes, the disk has {free:.3g} free")
-        # imported where asked for: astropy.io.fits and OpenEXR take as long to load as a small run
+        # imported where asked for: astropy.io.fits takes as long to load as a small run
         if "fits" in self._formats:
             from psfcli.products.fits import FitsProduct
 
@@ -106,9 +102,12 @@ class ProductWriter:
         return each * values * len(self._header.fields) * len(self._header.wavelengths)
 
     def _finish(self) -> None:
-        expected = len(self._header.wavelengths) * len(self._header.fields)
-        if len(self._summaries) != expected:
-            raise ValueError(f"{len(self._summaries)} images were added and {expected} announced")
+        announced = len(self._header.wavelengths) * len(self._header.fields)
+        added = {(summary.wavelength_index, summary.field_index) for summary in self._summaries}
+        if not len(added) == len(self._summaries) == announced:
+            raise ValueError(
+                f"{len(self._summaries)} images were added ({len(added)} different), {announced} announced"
+            )
         ensquared = ensquared_rows(self._header, self._summaries)
         if self._fits is not None:
             self._fits.finish(self._summaries, ensquared)

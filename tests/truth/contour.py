@@ -5,8 +5,8 @@ With J0 = Re H0 (Hankel's first) and H0(z) = (2/(pi i)) K0(-i z), turning q = t 
     S(r) = 4 Im Int q [h(q) - h(0)] K0(-2 pi i q r) dq     along the ray.
 
 Subtracting h(0) is free, as Int q K0(-2 pi i q r) dq is real, and removes the largest cancellation. On the ray both
-Bessel functions decay, so the trapezoid rule in ln t converges exponentially: error exp(-2 pi b/step) with b the angle to
-the nearest direction where the integrand grows. What is left of the cancellation is paid for in digits, and counted.
+Bessel functions decay, so the trapezoid rule in ln t converges exponentially: error exp(-2 pi b/step) with b the angle
+to the nearest direction where the integrand grows. What is left of the cancellation is paid for in digits, and counted.
 """
 
 from __future__ import annotations
@@ -35,11 +35,13 @@ def unclipped_exponent(wavelength: float, surfaces: tuple, q: mpmath.mpc | mpmat
 
 def unclipped_height(wavelength: float, surfaces: tuple) -> mpmath.mpf:
     """exp(sum_j [K^2 C(0) - g]): the unclipped OTF_S at q = 0; above 1 by the light beyond the horizon."""
-    return mpmath.exp(mpmath.fsum(
-        (mpmath.mpf(s.K) * t.sigma) ** 2 * (1 + (mpmath.mpf(t.B) / wavelength) ** 2) ** ((1 - mpmath.mpf(t.C)) / 2)
-        for s in surfaces
-        for t in s.terms
-    ))
+    return mpmath.exp(
+        mpmath.fsum(
+            (mpmath.mpf(s.K) * t.sigma) ** 2 * (1 + (mpmath.mpf(t.B) / wavelength) ** 2) ** ((1 - mpmath.mpf(t.C)) / 2)
+            for s in surfaces
+            for t in s.terms
+        )
+    )
 
 
 def scatter_psf_mpmath(system: TruthSystem, r: float, digits: int = 12, slant: float = 0.2) -> mpmath.mpf:
@@ -95,9 +97,8 @@ class _Plan:
 
             # 2 pi q r = turn exp(n step): at radius number m, the samples of radius 0 shifted by m strides
             shifts = [stride * m for m in range(len(radii))] if stride else [0]
-            samples = [
-                sample(turn * mpmath.exp(k * step) / (2 * mpmath.pi * radii[0])) for k in range(first - shifts[-1], last + 1)
-            ]
+            scale = turn / (2 * mpmath.pi * radii[0])
+            samples = [sample(scale * mpmath.exp(k * step)) for k in range(first - shifts[-1], last + 1)]
             largest = max(abs(k * v * v) for k, v in zip(kernel, z, strict=True))
             noise = mpmath.mpf(10) ** (self.digits - self.dps) * height * largest / (2 * mpmath.pi * radii[0]) ** 2
             results = []
@@ -115,8 +116,8 @@ class _Plan:
 class ScatterTable:
     """ln S, and ln of the energy outside R, as splines of degree 7 in ln r; ``total`` = inside + outside [1].
 
-    ``total`` is built up by integration; that it equals h(0) to 1e-11 (where the power-law tail beyond the last radius is
-    exact) is a check and not an assumption.
+    ``total`` is built up by integration; that it equals h(0) to 1e-11 (where the power-law tail beyond the last radius
+    is exact) is a check and not an assumption.
     """
 
     first: float
@@ -132,13 +133,15 @@ class ScatterTable:
         return np.exp(spline(np.minimum(log_r, end)) + slope * np.maximum(0.0, log_r - end))
 
     def psf(self, r: np.ndarray) -> np.ndarray:
-        """Unclipped S(r) [1/mm^2]."""
-        return self._power_law(self.log_psf, np.asarray(r, float))
+        """Unclipped S(r) [1/mm^2]; inside the first radius ln S is quadratic in r."""
+        r = np.asarray(r, float)
+        bend = 0.5 * float(self.log_psf(math.log(self.first), 1)) * (np.minimum(r / self.first, 1.0) ** 2 - 1.0)
+        return self._power_law(self.log_psf, r) * np.exp(bend)
 
     def outside(self, r: np.ndarray) -> np.ndarray:
         """Energy of the unclipped S beyond ``r`` [mm], relative accuracy (up to the constant in the last tail)."""
         r = np.asarray(r, float)
-        centre = self.total - np.pi * r * r * float(np.exp(self.log_psf(math.log(self.first))))
+        centre = self.total - np.pi * r * r * self.psf(np.minimum(r, self.first))
         return np.where(r < self.first, centre, self._power_law(self.log_outside, r))
 
     def inside(self, r: np.ndarray) -> np.ndarray:
@@ -148,9 +151,16 @@ class ScatterTable:
 
 @lru_cache(maxsize=32)
 def scatter_table(wavelength: float, surfaces: tuple) -> ScatterTable:
-    """The table from 1e-3 of the smallest knee lambda d/B to ten times the largest d (or 1e4 knees); seconds to make."""
+    """The table from 1e-3 of the smallest knee lambda d/B to ten times the largest d; seconds for C < 4, minutes above 12.
+
+    It ends earlier where S has fallen by 1e-45: what follows is continued as a power law.
+    """
     knees = [wavelength * s.d / t.B for s in surfaces for t in s.terms]
-    near, far = 1e-3 * min(knees), max(10.0 * max(s.d for s in surfaces), 1e4 * max(knees))
+    slopes = [t.C for s in surfaces for t in s.terms]
+    g = sum(phase_variance(wavelength, s) for s in surfaces)
+    near = 1e-3 * min(knees) / math.sqrt(max(slopes))
+    faint = 10.0 ** (45.0 / (min(slopes) + 1.0)) * (1.0 + g) * max(knees)
+    far = min(max(10.0 * max(s.d for s in surfaces), 1e4 * max(knees)), faint)
     plan = _Plan.of(wavelength, surfaces, [near / min(knees), far / min(knees)], 12, None)
     stride = max(1, round(0.08 / plan.step))
     log_r = math.log(near) + stride * plan.step * np.arange(math.ceil(math.log(far / near) / (stride * plan.step)) + 1)

@@ -10,9 +10,9 @@ from scipy.special import gamma, gammaln, kve
 def decorrelation(u: np.ndarray, nu: float) -> np.ndarray:
     """1 - rho(u) in doubles, for u >= 0 (any shape) and 0 < nu <= 500.
 
-    Good to 5e-12 relative wherever compared with ``decorrelation_mpmath`` (nu 0.01..500, u 1e-12..1e3), and to 1e-13 for
-    nu < 5. Three ranges: power series below u = 0.3, the Bessel function above, and for nu > 30 (where K_nu overflows) the integral
-    1/Gamma(nu) Int y^(nu-1) e^-y [1 - exp(-u^2/4y)] dy by a trapezoid rule in log y.
+    Good to 5e-12 relative wherever compared with ``decorrelation_mpmath`` (nu 0.01..500, u 1e-12..1e3), to 1e-13 for nu
+    < 5. Three ranges: power series below u = 0.3, the Bessel function above, and for nu > 30 (where K_nu overflows) the
+    integral 1/Gamma(nu) Int y^(nu-1) e^-y [1 - exp(-u^2/4y)] dy by a trapezoid rule in log y.
     """
     u = np.asarray(u, float)
     if nu > 30.0:

@@ -4,8 +4,8 @@ The scattered light of one ray in a rectangle is an integral over the angle at w
 
     (1/2 pi) closed Int E(R) dphi = - (1/2 pi) closed Int [S beyond R] dphi   (the ray outside),
 
-edge by edge with R = a cosh v, dphi = dv/cosh v (a: distance to the edge's line); small or distant rectangles are done by
-a product Gauss rule of S itself. Then Gauss x trapezoid over the pupil, refined until it stands.
+edge by edge with R = a cosh v, dphi = dv/cosh v (a: distance to the edge's line); small or distant rectangles are done
+by a product Gauss rule of S itself. Then Gauss x trapezoid over the pupil, refined until it stands.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _scattered(table: ScatterTable, window: Window, x: np.ndarray, y: np.ndarray
 
 
 def scattered_energy(system: TruthSystem, window: Window, tolerance: float = 1e-11) -> float:
-    """Energy of PSF_G (x) S in the window; pupil nodes are doubled until it changes by less than 1e-10 of itself + tolerance.
+    """Energy of PSF_G (x) S in the window; pupil nodes are doubled until it changes by less than 1e-10 of itself.
 
     Raises ArithmeticError if 256 x 768 nodes do not suffice (knee far narrower than the spot).
     """
@@ -111,8 +111,9 @@ def box_energy(system: TruthSystem, half_width: float, centre: tuple[float, floa
 def outside_fraction(system: TruthSystem, x0: float, x1: float, y0: float, y1: float) -> float:
     """Fraction of all light outside the window, absolute error below 1e-9: what lies beyond its edges, added up.
 
-    The scattered part is (1/2 pi) closed Int [S beyond R] dphi over the edges as each ray sees them (0 for E, not 1 - E,
-    enters), plus the whole of S for rays that land outside. The table's own tail is anchored to the known total.
+    The scattered part is (1/2 pi) closed Int [S beyond R] dphi over the edges as each ray sees them, plus the whole of
+    S for rays that land outside; the tail beyond the table is what the known total 1 - exp(-sum g) leaves. It shares
+    the table with ``box_energy``: for that same window the two add to 1 by construction, not so for sums over pixels.
     """
     specular = specular_weight(system)
     beyond = 1.0 - specular_energy(system, x0, x1, y0, y1)

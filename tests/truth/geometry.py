@@ -19,11 +19,12 @@ def wavefront(system: TruthSystem, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     w = {k: system.seidel.get(k, 0.0) for k in ("W020", "W040", "W131", "W222", "W220", "W311")}
     hx, hy = system.field
     p, s, h2 = x * x + y * y, hx * x + hy * y, hx * hx + hy * hy
-    return w["W020"] * p + w["W040"] * p**2 + w["W131"] * p * s + w["W222"] * s**2 + h2 * (w["W220"] * p + w["W311"] * s)
+    fixed = w["W020"] * p + w["W040"] * p**2
+    return fixed + w["W131"] * p * s + w["W222"] * s**2 + h2 * (w["W220"] * p + w["W311"] * s)
 
 
 def ray_error(system: TruthSystem, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Transverse ray errors (eps_x, eps_y) = -(1/u') grad W [mm] (Eq. 4), from the polynomial, about the Gaussian image."""
+    """Transverse ray errors (eps_x, eps_y) = -(1/u') grad W [mm] (Eq. 4), from the polynomial."""
     w = {k: system.seidel.get(k, 0.0) for k in ("W020", "W040", "W131", "W222", "W220", "W311")}
     hx, hy = system.field
     p, s, h2 = x * x + y * y, hx * x + hy * y, hx * hx + hy * hy
@@ -58,7 +59,7 @@ def pupil_rule(system: TruthSystem, rings: int, spokes: int) -> tuple[np.ndarray
 
 
 def spot_moments(system: TruthSystem) -> dict[str, float]:
-    """Centroid, rms about it, and chief ray of the spot [mm]; exact, as the rules integrate these polynomials exactly."""
+    """Centroid, rms about it, and chief ray of the spot [mm]; the rule is exact for these polynomials."""
     x, y, w = pupil_rule(system, 8, 32)
     ex, ey = ray_error(system, x, y)
     cx, cy = float(w @ ex), float(w @ ey)
@@ -70,7 +71,7 @@ def spot_moments(system: TruthSystem) -> dict[str, float]:
 
 
 def counted_pixels(system: TruthSystem, edges_x: np.ndarray, edges_y: np.ndarray, rays: int = 1001) -> np.ndarray:
-    """Unscattered energy per pixel [y, x] of a uniform grid of edges [mm], by counting ``rays`` x ``rays`` pupil points.
+    """Unscattered energy per pixel [y, x] of a uniform grid of edges [mm], by counting rays x rays pupil points.
 
     The paper's Appendix A: every lit ray carries the same light. Error about 2/rays of what crosses a pixel's edge.
     """
@@ -98,18 +99,15 @@ def disc_in_rectangle(radius: float, x0: float, x1: float, y0: float, y1: float)
         x, y = min(abs(x), radius), min(abs(y), radius)
         if x * x + y * y <= radius * radius:
             return sign * x * y
-        a, b = math.sqrt(radius**2 - y * y), math.sqrt(radius**2 - x * x)  # the arc leaves the rectangle at (a, y), (x, b)
+        a, b = math.sqrt(radius**2 - y * y), math.sqrt(radius**2 - x * x)  # the arc ends at (a, y), (x, b)
         return sign * 0.5 * (a * y + x * b + radius**2 * (math.atan2(y, a) - math.atan2(b, x)))
 
     return corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)
 
 
-def defocused_annulus(
-    outer: float, obscuration: float, x0: float, x1: float, y0: float, y1: float, centre: tuple[float, float] = (0.0, 0.0)
-) -> float:
+def defocused_annulus(outer: float, obscuration: float, x0: float, x1: float, y0: float, y1: float) -> float:
     """Energy of pure defocus: a uniform annulus of outer radius 2|W020|/u' [mm], in a rectangle. Exact."""
-    cx, cy = centre
-    window = x0 - cx, x1 - cx, y0 - cy, y1 - cy
+    window = x0, x1, y0, y1
     lit = disc_in_rectangle(outer, *window) - disc_in_rectangle(outer * obscuration, *window)
     return lit / (math.pi * outer**2 * (1.0 - obscuration**2))
 
@@ -126,7 +124,7 @@ def line_focus(half_length: float, obscuration: float, y0: float, y1: float) -> 
 
 
 def coma_disc(image_slope: float, coma: float, radius: float) -> float:
-    """Energy of pure coma W131 H = ``coma`` [mm], unobscured, within ``radius`` [mm] of the chief ray, radius <= coma/u'.
+    """Energy of pure coma W131 H = ``coma`` [mm], unobscured, within ``radius`` <= coma/u' [mm] of the chief ray.
 
     On the ring rho, eps = -(coma rho^2/u') (sin 2phi, 2 + cos 2phi), so |eps|^2 = (coma rho^2/u')^2 (5 + 4 cos 2phi):
     energy = mean over phi of radius u'/(coma sqrt(5 + 4 cos 2phi)), a complete elliptic integral:

@@ -1,7 +1,7 @@
 """What the clip at the horizon takes away: S = S_unclipped - D.
 
-Near q = 0 the unclipped exponent E_j = K^2 C - g is positive (light beyond 90 degrees); H is held at 1 there. The difference
-is confined to q < q_c ~ 1/d, so with doubles alone
+Near q = 0 the unclipped exponent E_j = K^2 C - g is positive (light beyond 90 degrees); H is held at 1 there. The
+difference is confined to q < q_c ~ 1/d, so with doubles alone
 
     D(x) = 2 pi Int_0^qc q J0(2 pi q x) [exp(sum_j E_j) - exp(sum_j min(0, E_j))] dq.
 
@@ -74,7 +74,8 @@ def missing_in_rectangle(
 ) -> float:
     """Energy of D, centred on each of the points ``x``, ``y`` [mm] of given ``weight``, in (x0, x1, y0, y1) [mm].
 
-    A product Gauss rule over the rectangle; D varies on the scale of d, which no spot approaches. Windows up to a few d.
+    A product Gauss rule over the rectangle; D varies on the scale of d, which no spot approaches. Windows up to a few
+    d.
     """
     if not system.surfaces:
         return 0.0

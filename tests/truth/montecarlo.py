@@ -1,8 +1,8 @@
 """The image by sampling: every ray its own pupil point, ray error and deviations. True within its standard error.
 
 At each surface a ray is deviated n ~ Poisson(g) times by lambda d f, where f is drawn from the two-dimensional spectrum
-below 1/lambda: a term chosen by its variance there, |f| = sqrt(U^(2/(1-C)) - 1)/B, any azimuth. Spectra are cut at 1/lambda
-here, while the transfer function is clipped: the two differ only in light near 90 degrees.
+below 1/lambda: a term chosen by its variance there, |f| = sqrt(U^(2/(1-C)) - 1)/B, any azimuth. Spectra are cut at
+1/lambda here, while the transfer function is clipped: the two differ only in light near 90 degrees.
 """
 
 from __future__ import annotations

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 def scatter_psf_panels(system: TruthSystem, r: float, dps: int = 40, nodes: int = 24, panels: int = 45) -> mpmath.mpf:
     """Unclipped S(r) = 2 pi Int q J0(2 pi q r) h(q) dq [1/mm^2], for r above about lambda d/B.
 
-    The first panel holds the branch point q^(C-1) and is done by tanh-sinh, the others by Gauss rules. Reliable to 1e-10
-    relative where ``dps`` exceeds (C + 1) decades + 25 and the panels are many enough: compare two values of each.
+    The first panel holds the branch point q^(C-1) and is done by tanh-sinh, the others by Gauss rules. Reliable to
+    1e-10 relative where ``dps`` exceeds (C + 1) decades + 25 and the panels are many enough: compare two values of
+    each.
     """
     with mpmath.workdps(dps):
         wavelength, surfaces = system.wavelength, system.surfaces
@@ -47,7 +48,7 @@ def scatter_psf_panels(system: TruthSystem, r: float, dps: int = 40, nodes: int 
 
 
 def _gauss_legendre(n: int) -> list[tuple[mpmath.mpf, mpmath.mpf]]:
-    """Nodes and weights of the n-point Gauss-Legendre rule at the working precision, by Newton from the cosine guess."""
+    """Nodes and weights of the n-point Gauss-Legendre rule at the working precision, by Newton's method."""
     rule = []
     for i in range(1, n + 1):
         x = mpmath.cos(mpmath.pi * (i - mpmath.mpf(1) / 4) / (n + mpmath.mpf(1) / 2))

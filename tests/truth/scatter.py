@@ -4,9 +4,9 @@ OTF_S(q) = prod_j H_j(lambda d_j q), H(r) = exp{-max(0, g - K^2 C(r))}; S is the
 
     S(r) = 2 pi Int_0^inf q J0(2 pi q r) h(q) dq,     E(R) = 2 pi R Int_0^inf J1(2 pi q R) h(q) dq.
 
-Which to use: ``scatter_psf`` (relative 1e-10 at every radius), ``encircled_fftlog`` and ``scatter_psf_fftlog`` (a second
-method, absolute accuracy only, hence the core), ``contour.scatter_psf_mpmath`` and ``panels.scatter_psf_panels`` (single
-radii at any precision, two methods).
+Which to use: ``scatter_psf`` (relative 1e-10 at every radius), ``encircled_fftlog`` and ``scatter_psf_fftlog`` (a
+second method, absolute accuracy only, hence the core), ``contour.scatter_psf_mpmath`` and ``panels.scatter_psf_panels``
+(single radii at any precision, two methods).
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from .system import RoughSurface, TruthSystem, phase_variance, specular_weight
 def surface_exponent(wavelength: float, surface: RoughSurface, q: np.ndarray) -> np.ndarray:
     """K^2 C(lambda d q) - g, unclipped; ``q`` [cycles/mm] of any shape. Positive where q is below the horizon's clip.
 
-    Written as sum K^2 sigma^2 [1 + (B/lambda)^2]^((1-C)/2) - sum K^2 sigma^2 (1 - rho), which keeps its digits at small q.
+    Written as sum K^2 sigma^2 [1 + (B/lambda)^2]^((1-C)/2) - sum K^2 sigma^2 (1 - rho), which keeps its digits at small
+    q.
     """
     total = np.zeros_like(np.asarray(q, float))
     for t in surface.terms:
@@ -50,9 +51,9 @@ def transfer_function(system: TruthSystem, q: np.ndarray) -> np.ndarray:
 def scatter_psf(system: TruthSystem, r: np.ndarray) -> np.ndarray:
     """S(r) [1/mm^2] at radii ``r`` >= 0 [mm] of any shape.
 
-    The table of ``contour`` (degree-7 spline of ln S in ln r) less what the clip takes away (``horizon``). Relative error
-    below 1e-10 from r = 0 to 10 d, where S passes through zero beyond about d: there relative to its envelope. Farther out
-    the unclipped part continues as its last power law.
+    The table of ``contour`` (degree-7 spline of ln S in ln r) less what the clip takes away (``horizon``). Relative
+    error below 1e-10 from r = 0 to 10 d, where S passes through zero beyond about d: there relative to its envelope.
+    Farther out the unclipped part continues as its last power law.
     """
     r = np.asarray(r, float)
     if not system.surfaces:
@@ -71,8 +72,8 @@ def _fftlog_grid(system: TruthSystem, points: int) -> tuple[np.ndarray, float]:
 def scatter_psf_fftlog(system: TruthSystem, points: int = 16384) -> tuple[np.ndarray, np.ndarray]:
     """(r, S) on FFTLog's own grid of radii [mm], by scipy.fft.fht with bias 0: S = (1/r) fht(q h).
 
-    Its error is an absolute floor: compared with the contour, relative error below 1e-10 where r < 10 lambda d/B, growing
-    as r^2 S falls (1e-7 at 100 lambda d/B for C = 1.8). Use it in the core.
+    Its error is an absolute floor: compared with the contour, relative error below 1e-10 where r < 10 lambda d/B,
+    growing as r^2 S falls (1e-7 at 100 lambda d/B for C = 1.8). Use it in the core.
     """
     q, step = _fftlog_grid(system, points)
     h = transfer_function(system, q) - specular_weight(system)

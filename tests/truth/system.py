@@ -46,8 +46,8 @@ class TruthSystem:
         unknown = set(self.seidel) - {"W020", "W040", "W131", "W222", "W220", "W311"}
         if unknown:
             raise ValueError(f"no such Seidel terms: {sorted(unknown)}")
-        surfaces = tuple(RoughSurface(K, d, tuple(Term(*map(float, t)) for t in terms)) for K, d, terms in self.surfaces)
-        rough = tuple(s for s in surfaces if s.d > 0.0 and any(t.sigma > 0.0 for t in s.terms))
+        named = (RoughSurface(K, d, tuple(Term(*map(float, t)) for t in terms)) for K, d, terms in self.surfaces)
+        rough = tuple(s for s in named if s.d > 0.0 and any(t.sigma > 0.0 for t in s.terms))
         object.__setattr__(self, "surfaces", rough)
         if not isinstance(self.field, tuple):
             object.__setattr__(self, "field", (0.0, float(self.field)))
@@ -63,7 +63,7 @@ def mirror(wavelength: float, d: float, *terms: tuple[float, float, float]) -> R
 
 
 def phase_variance(wavelength: float, surface: RoughSurface) -> float:
-    """g = K^2 sigma_rel^2, sigma_rel^2 = sum sigma^2 {1 - [1 + (B/lambda)^2]^((1-C)/2)}: what scatters below 1/lambda."""
+    """g = K^2 sigma_rel^2, sigma_rel^2 = sum sigma^2 {1 - [1 + (B/lambda)^2]^((1-C)/2)}: the part below 1/lambda."""
     return surface.K**2 * math.fsum(
         t.sigma**2 * -math.expm1(0.5 * (1.0 - t.C) * math.log1p((t.B / wavelength) ** 2)) for t in surface.terms
     )

@@ -1,0 +1,83 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from psfcli.tolerance import PRESETS, Tolerance
+
+FORMATS = ("fits", "exr", "csv")
+_SIZES = {"kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KiB": 2.0**10, "MiB": 2.0**20, "GiB": 2.0**30, "TiB": 2.0**40}
+
+
+class Formats(click.ParamType):
+    """A comma-separated list of formats."""
+
+    name = "list"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        """The formats, each once, in the order of FORMATS."""
+        if isinstance(value, tuple):
+            return value
+        asked = [part.strip() for part in str(value).split(",")]
+        for part in asked:
+            if part not in FORMATS:
+                self.fail(f"{part!r} is no format; allowed: {', '.join(FORMATS)}", param, ctx)
+        return tuple(name for name in FORMATS if name in asked)
+
+
+class MemorySize(click.ParamType):
+    """A number of bytes such as 4GB or 512MiB."""
+
+    name = "size"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The size in bytes."""
+        if isinstance(value, float):
+            return value
+        text = str(value).strip()
+        for unit, factor in (*_SIZES.items(), ("B", 1.0), ("", 1.0)):
+            if text.endswith(unit):
+                try:
+                    size = float(text[: len(text) - len(unit)]) * factor
+                except ValueError:
+                    continue
+                if 0.0 < size < float("inf"):
+                    return size
+        self.fail(f"{text!r} is no size; write a number of bytes or one such as 500MB, 4GB, 2GiB", param, ctx)
+
+    @staticmethod
+    def default() -> float:
+        """Half of the machine's memory [bytes]."""
+        return 0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def system_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """CONFIG and the options that change what it says."""
+    for decorate in reversed(
+        (
+            click.argument("config", metavar="CONFIG"),
+            click.option("--field", "fields", multiple=True, metavar='"0.3 deg"', help="Replaces fields; repeatable."),
+            click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2."),
+            click.option("--accuracy", "accuracy_name", type=click.Choice(list(PRESETS)), help="Replaces accuracy."),
+            click.option("--pixel-error", type=float, metavar="X", help="Relative error of a pixel, with --ee-error."),
+            click.option("--ee-error", type=float, metavar="Y", help="Error of an ensquared energy, with --pixel-error."),
+        )
+    ):
+        command = decorate(command)
+    return command
+
+
+def accuracy(name: str | None, pixel_error: float | None, ee_error: float | None) -> Tolerance | str | None:
+    """The accuracy the options ask for; None: that of the system file. Raises UsageError for half a pair or both ways."""
+    if (pixel_error is None) != (ee_error is None):
+        raise click.UsageError("--pixel-error and --ee-error come together")
+    if pixel_error is None or ee_error is None:
+        return name
+    if name is not None:
+        raise click.UsageError("--accuracy excludes --pixel-error and --ee-error")
+    return Tolerance(pixel_error, ee_error)

@@ -1,0 +1,107 @@
+"""``psfcli run``: the main job."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from psfcli.cli.options import FORMATS, Formats, MemorySize, accuracy, system_options
+from psfcli.config import load
+
+
+@click.command()
+@system_options
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_psf.")
+@click.option("--format", "formats", type=Formats(), default=",".join(FORMATS), show_default=True, metavar="LIST")
+@click.option("--jobs", type=click.IntRange(1, 256), default=None, metavar="N", help="Threads, each a field at a time.")
+@click.option("--max-memory", type=MemorySize(), metavar="SIZE", help="Such as 4GB; default: half of the machine's.")
+@click.option("--overwrite", is_flag=True, help="Replace the products that stand in DIR.")
+@click.option("--dry-run", is_flag=True, help="Say what would be computed, as psfcli plan does; write nothing.")
+@click.option("-q", "--quiet", is_flag=True, help="No reports on stderr but errors.")
+@click.option("-v", "--verbose", is_flag=True, help="More reports on stderr.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    config: str,
+    overrides: tuple[str, ...],
+    fields: tuple[str, ...],
+    accuracy_name: str | None,
+    pixel_error: float | None,
+    ee_error: float | None,
+    output: Path | None,
+    formats: tuple[str, ...],
+    jobs: int | None,
+    max_memory: float | None,
+    overwrite: bool,
+    dry_run: bool,
+    quiet: bool,
+    verbose: bool,
+) -> None:
+    """Compute PSF cubes and ensquared energy for every wavelength and field of CONFIG (- for standard input).
+
+    Prints the paths written. Exit status: 0 done, 1 failed, 2 fault in the usage or the system file, 3 the accuracy
+    asked for was not met (the products say so), 4 the output exists or cannot be written.
+    """
+    system = load(config, overrides, fields or None, accuracy(accuracy_name, pixel_error, ee_error))
+    jobs = jobs or min(len(system.fields), os.cpu_count() or 1)
+
+    def say(line: str) -> None:
+        if not quiet:
+            click.echo(line, err=True)
+
+    for warning in system.warnings:
+        say(f"warning: {warning}")
+    if dry_run:
+        from psfcli.cli.plan import describe
+
+        click.echo(describe(system, formats, jobs))
+        return
+    from psfcli import recipe  # numpy, scipy: not before the system file is known to be good
+
+    bar, progress = _progress(quiet)
+    with bar:
+        outcome = recipe.write(
+            system,
+            output or Path(("stdin" if config == "-" else Path(config).stem) + "_psf"),
+            formats=formats,
+            overwrite=overwrite,
+            jobs=jobs,
+            max_memory=max_memory or MemorySize.default(),
+            command=shlex.join(["psfcli", *sys.argv[1:]]),
+            input_name=config,
+            input_sha256=hashlib.sha256(system.text.encode() if config == "-" else Path(config).read_bytes()).hexdigest(),
+            progress=progress,
+        )
+    for note in outcome.notes:
+        say(f"note: {note}")
+    asked, reached = system.tolerance, outcome.reached
+    if verbose or not quiet:
+        say(f"reached: pixel error {reached.pixel:.2g} (asked {asked.pixel:.2g}), ensquared energy {reached.ee:.2g} "
+            f"(asked {asked.ee:.2g})")
+    for path in outcome.paths:
+        click.echo(path)
+    if reached.pixel > asked.pixel or reached.ee > asked.ee:
+        click.echo("the accuracy asked for was not met; ERRPIX and ERREE say what was", err=True)
+        ctx.exit(3)
+
+
+def _progress(quiet: bool) -> tuple[Any, Callable[[int, int], None]]:
+    """A progress bar on a terminal, and the callback that moves it; nothing elsewhere."""
+    if quiet or not sys.stderr.isatty():
+        from contextlib import nullcontext
+
+        return nullcontext(), lambda done, total: None
+    bar = click.progressbar(length=1, label="images", file=sys.stderr)
+
+    def move(done: int, total: int) -> None:
+        bar.length = total
+        bar.update(done - bar.pos)
+
+    return bar, move

@@ -1,0 +1,69 @@
+"""Adaptive integration of many functions of one variable at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+_MOST_NODES = 400_000
+_SLICES_AT_ONCE = 256
+_LEAST_SHARE = 0.1  # few slices hold a kink of any one function: each may use this share of the tolerance
+_KINK_GAIN = 2.0  # from a slice to its halves a kink's error falls by 2^(3/2) to 4
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A quadrature rule, ``node`` and ``weight`` of one shape, the ``integral`` of each function it was made for, and
+
+    the estimated ``error`` of the worst.
+    """
+
+    node: Real
+    weight: Real
+    integral: Real
+    error: float
+
+
+def integrate_adaptively(functions: Callable[[Real], Real], bounds: Real, tolerance: float) -> Rule:
+    """A rule for the integral of ``functions`` over increasing ``bounds``, made by halving slices until it is exact enough.
+
+    ``functions`` maps points (n,) to values (n, functions). Each slice is integrated by Simpson's rule and by that
+    on its halves: closed rules, so that a kink always lies between two points that were seen. The error is the sum
+    of the changes over all slices, for the worst function, less what the last halving gained.
+    """
+    left, right = bounds[:-1], bounds[1:]
+    values = functions(np.concatenate([bounds, 0.5 * (left + right)]))
+    value_left, value_right, value_middle = values[: left.size], values[1 : left.size + 1], values[left.size + 1 :]
+    integral, doubt = np.zeros(values.shape[1]), np.zeros(values.shape[1])
+    nodes, weights = [], []
+    count = 3 * left.size
+    while left.size:
+        ends = []
+        for first in range(0, left.size, _SLICES_AT_ONCE):
+            part = slice(first, first + _SLICES_AT_ONCE)
+            a, b = left[part], right[part]
+            fa, fm, fb = value_left[part], value_middle[part], value_right[part]
+            middle = 0.5 * (a + b)
+            fl, fr = np.split(functions(np.concatenate([0.5 * (a + middle), 0.5 * (middle + b)])), 2)
+            twelfth = ((b - a) / 12.0)[:, None]
+            change = np.abs(twelfth * (4.0 * (fl + fr) - fa - fb - 6.0 * fm))
+            share = np.maximum((b - a) / (bounds[-1] - bounds[0]), _LEAST_SHARE)
+            done = change.max(axis=1) <= tolerance * share
+            if count > _MOST_NODES:
+                done[:] = True
+            doubt += change[done].sum(axis=0)
+            integral += (twelfth * (fa + 4.0 * (fl + fr) + 2.0 * fm + fb))[done].sum(axis=0)
+            for place, weight in ((0.0, 1.0), (0.25, 4.0), (0.5, 2.0), (0.75, 4.0), (1.0, 1.0)):
+                nodes.append((a + place * (b - a))[done])
+                weights.append((weight / 12.0 * (b - a))[done])
+            more = ~done
+            ends.append((a[more], middle[more], fa[more], fl[more], fm[more]))
+            ends.append((middle[more], b[more], fm[more], fr[more], fb[more]))
+            count += 2 * int(np.count_nonzero(more))
+        left, right, value_left, value_middle, value_right = (np.concatenate(column) for column in zip(*ends, strict=True))
+    return Rule(np.concatenate(nodes), np.concatenate(weights), integral, float(doubt.max(initial=0.0)) / _KINK_GAIN)

@@ -1,0 +1,152 @@
+"""The recipe, as in Section 4 of the paper: plan; scatter once per wavelength; each field; the products take it from there."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from threadpoolctl import threadpool_limits
+
+from psfcli.image.point import field_image, wavelength_scatter
+from psfcli.planning.plan import Plan, plan_scene
+from psfcli.products.arrays import Result, gather
+from psfcli.products.header import RunHeader
+from psfcli.products.writer import FORMATS, ProductWriter
+from psfcli.tolerance import Tolerance
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from psfcli.config.model import System
+    from psfcli.image.result import FieldImage
+
+Progress = Callable[[int, int], None]
+
+
+def plan(system: System, *, with_cube: bool = True, jobs: int = 1) -> Plan:
+    """What the system requires; ``with_cube`` False: ensquared energy alone."""
+    return plan_scene(
+        system.telescope,
+        system.surfaces,
+        system.wavelengths,
+        system.fields,
+        system.detector,
+        system.half_widths,
+        system.tolerance,
+        with_cube=with_cube,
+        jobs=jobs,
+    )
+
+
+def images(scene: Plan, jobs: int = 1) -> Iterator[tuple[int, int, FieldImage]]:
+    """Yield (wavelength index, field index, image), wavelength after wavelength, fields in order.
+
+    Only as many fields as ``jobs`` are held at a time. Every image is computed by one thread, with one BLAS thread, so
+    that the numbers do not depend on ``jobs``.
+    """
+    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(jobs) as pool:
+        for w, wavelength in enumerate(scene.wavelengths):
+            scatter = wavelength_scatter(scene.surfaces, scene.telescope, wavelength, scene.reach, scene.tolerance)
+            ahead: deque[Future[FieldImage]] = deque()
+            submitted = 0
+            for f in range(len(scene.fields)):
+                while submitted < min(f + jobs, len(scene.fields)):
+                    ahead.append(
+                        pool.submit(
+                            field_image,
+                            scene.telescope,
+                            scene.fields[submitted],
+                            scatter,
+                            scene.detector,
+                            scene.half_widths,
+                            scene.tolerance,
+                            with_cube=scene.with_cube,
+                        )
+                    )
+                    submitted += 1
+                yield w, f, ahead.popleft().result()
+
+
+def header(system: System, scene: Plan, *, command: str = "", input_name: str = "", input_sha256: str = "") -> RunHeader:
+    """What the products say of a run besides its images."""
+    return RunHeader(
+        title=system.title,
+        wavelengths=scene.wavelengths,
+        specular_fractions=scene.specular_fractions,
+        throughput=math.prod(surface.reflectance for surface in scene.surfaces),
+        telescope=scene.telescope,
+        surfaces=tuple(row for rows in scene.scatter for row in rows),
+        fields=scene.fields,
+        detector=scene.detector,
+        tolerance=scene.tolerance,
+        config=system.text,
+        command=command,
+        input_name=input_name,
+        input_sha256=input_sha256,
+        plan=scene.report(),
+    )
+
+
+def run(system: System, jobs: int = 1) -> Result:
+    """The system's images and tables in memory."""
+    scene = plan(system, jobs=jobs)
+    return gather(header(system, scene), images(scene, jobs))
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a run left: the files written, remarks for the user, and the worst errors reached."""
+
+    paths: tuple[Path, ...]
+    notes: tuple[str, ...]
+    reached: Tolerance
+
+
+def write(
+    system: System,
+    directory: Path,
+    *,
+    formats: Sequence[str] = FORMATS,
+    overwrite: bool = False,
+    jobs: int = 1,
+    max_memory: float = math.inf,
+    command: str = "",
+    input_name: str = "",
+    input_sha256: str = "",
+    progress: Progress = lambda done, total: None,
+) -> Outcome:
+    """Compute the system and write its products into ``directory``; ``progress(done, total)`` is called per image.
+
+    Raises OutputError when the products cannot be written, SceneTooLarge when they need more than ``max_memory`` bytes.
+    """
+    started = time.perf_counter()
+    scene = plan(system, with_cube=formats_with_cube(formats), jobs=jobs)
+    if scene.memory > max_memory:
+        raise SceneTooLarge(
+            f"the run needs {scene.memory:.3g} bytes of memory and may use {max_memory:.3g}; "
+            "fewer pixels, a smaller oversample, fewer jobs or a larger --max-memory would do"
+        )
+    worst = Tolerance(0.0, 0.0)
+    total = len(scene.wavelengths) * len(scene.fields)
+    about = header(system, scene, command=command, input_name=input_name, input_sha256=input_sha256)
+    with ProductWriter(directory, about, formats, overwrite=overwrite) as products:
+        for done, (w, f, image) in enumerate(images(scene, jobs), start=1):
+            products.add(w, f, image)
+            worst = Tolerance(max(worst.pixel, image.reached.pixel), max(worst.ee, image.reached.ee))
+            progress(done, total)
+        products.timings = {"seconds": time.perf_counter() - started}
+    return Outcome(products.paths, (*scene.warnings, *products.notes), worst)
+
+
+def formats_with_cube(formats: Sequence[str]) -> bool:
+    """Whether any of the ``formats`` holds pixels."""
+    return bool({"fits", "exr"} & set(formats))
+
+
+class SceneTooLarge(Exception):
+    """A scene that needs more memory than it may use; the message is one line for the user."""
