@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
-from psfcli.image.point import field_image, wavelength_scatter
+from psfcli.image.point import WavelengthScatter, field_image, wavelength_scatter
 from psfcli.planning.plan import Plan, plan_scene
 from psfcli.products.arrays import Result, gather
 from psfcli.products.header import RunHeader
@@ -56,20 +56,44 @@ def images(scene: Plan, jobs: int = 1) -> Iterator[tuple[int, int, FieldImage]]:
             submitted = 0
             for f in range(len(scene.fields)):
                 while submitted < min(f + jobs, len(scene.fields)):
-                    ahead.append(
-                        pool.submit(
-                            field_image,
-                            scene.telescope,
-                            scene.fields[submitted],
-                            scatter,
-                            scene.detector,
-                            scene.half_widths,
-                            scene.tolerance,
-                            with_cube=scene.with_cube,
-                        )
-                    )
+                    ahead.append(pool.submit(_image, scene, scatter, submitted))
                     submitted += 1
                 yield w, f, ahead.popleft().result()
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One image computed to see what a run would reach and cost; ``gaussians`` is the size of the halo's mixture."""
+
+    field_index: int
+    gaussians: int
+    image: FieldImage
+    seconds: float
+
+
+def trials(scene: Plan, wavelength_index: int, field_indices: Sequence[int]) -> list[Trial]:
+    """The images of a few fields at one wavelength, computed in earnest and thrown away."""
+    wavelength = scene.wavelengths[wavelength_index]
+    tried = []
+    with threadpool_limits(limits=1, user_api="blas"):
+        scatter = wavelength_scatter(scene.surfaces, scene.telescope, wavelength, scene.reach, scene.tolerance)
+        for index in field_indices:
+            started = time.perf_counter()
+            image = _image(scene, scatter, index)
+            tried.append(Trial(index, scatter.halo.mixture.weight.size, image, time.perf_counter() - started))
+    return tried
+
+
+def _image(scene: Plan, scatter: WavelengthScatter, field_index: int) -> FieldImage:
+    return field_image(
+        scene.telescope,
+        scene.fields[field_index],
+        scatter,
+        scene.detector,
+        scene.half_widths,
+        scene.tolerance,
+        with_cube=scene.with_cube,
+    )
 
 
 def header(system: System, scene: Plan, *, command: str = "", input_name: str = "", input_sha256: str = "") -> RunHeader:

@@ -44,7 +44,7 @@ def scatter_of_exponential_correlation(system: TruthSystem, r: float) -> float:
 # -- the correlation function
 
 
-@pytest.mark.parametrize("nu", [0.01, 0.1, 0.4, 0.5, 0.99, 1.0, 1.001, 2.5, 3.0, 3.5, 29.0, 35.0, 100.5])
+@pytest.mark.parametrize("nu", [0.01, 0.4, 0.5, 1.0, 1.001, 3.5, 29.0, 35.0])
 def test_decorrelation_keeps_its_digits_from_tiny_to_large_distances(nu):
     u = np.array([1e-12, 1e-8, 1e-4, 0.01, 0.29, 0.31, 1.0, 10.0, 1e3, 1e12])
     with mpmath.workdps(50):
@@ -90,7 +90,7 @@ def test_physics_numbers_of_the_c_2_and_c_1_5_transforms():
             assert s * 1e-4 * math.exp(-beyond) == pytest.approx(value, rel=1e-10)  # g has ten digits
 
 
-@pytest.mark.parametrize(("C", "b", "dps", "panels"), [(1.2, 30.0, 30, 40), (3.0, 1e3, 45, 40), (6.5, 1e3, 60, 45)])
+@pytest.mark.parametrize(("C", "b", "dps", "panels"), [(1.2, 30.0, 30, 40), (6.5, 1e3, 60, 45)])
 def test_the_contour_agrees_with_panels_on_the_real_axis(C, b, dps, panels):
     system = one_mirror(0.8, 1.0, C)
     slow = scatter_psf_panels(system, 0.01 * b, dps=dps, panels=panels)

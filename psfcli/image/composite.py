@@ -12,21 +12,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.expansion import (
-    TAIL,
-    allowed_error,
-    interval_integrals,
-    normal_probability,
-    orders_needed,
-    quasi_moments,
-    ray_spacing,
-)
-from psfcli.image.geometric import RayBundle, nodes_for_spacing, ray_bundle
+from psfcli.image.blur import TAIL, interval_integrals, moments_to, normal_probability, treatment
+from psfcli.image.geometric import GeometricalImage, RayBundle, rays_apart
 from psfcli.image.grid import Detector
 from psfcli.image.result import Spot
 from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.surface.mixture import GaussianMixture
-from psfcli.telescope.system import Field, Telescope
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
@@ -38,12 +29,7 @@ _RAYS_AT_ONCE = 4096
 
 
 def scattered_image(
-    telescope: Telescope,
-    field: Field,
-    mixture: GaussianMixture,
-    spot: Spot,
-    detector: Detector,
-    tolerance: Tolerance,
+    point: GeometricalImage, mixture: GaussianMixture, detector: Detector, tolerance: Tolerance
 ) -> Real:
     """PSF_G (x) S: the scattered light in each sub-pixel as a fraction of all light, shape (y, x).
 
@@ -53,34 +39,25 @@ def scattered_image(
     if mixture.weight.size == 0:
         return image
     edges_x, edges_y = detector.edges(0), detector.edges(1)
-    moments = quasi_moments(telescope, field, spot)
-    order = orders_needed(moments, mixture.variance, spot, allowed_error(mixture, tolerance))
-    _add_by_moments(image, edges_x, edges_y, mixture, spot, moments, order, tolerance)
-    spacing = ray_spacing(np.sqrt(mixture.variance), mixture.weight, 0.1 * tolerance.ee / mixture.weight.size)
-    for k in np.flatnonzero(order < 0):
-        rays = ray_bundle(telescope, field, *nodes_for_spacing(telescope, field, float(spacing[k])))
+    how = treatment(point, mixture, tolerance)
+    _add_by_moments(image, edges_x, edges_y, mixture, point, how.order, tolerance)
+    for k in np.flatnonzero(how.order < 0):
+        rays = rays_apart(point, float(how.spacing[k]))
         _add_by_rays(image, edges_x, edges_y, rays, float(mixture.weight[k]), float(mixture.variance[k]) ** 0.5)
     return image
 
 
 def add_unscattered(
-    image: Real,
-    telescope: Telescope,
-    field: Field,
-    specular_fraction: float,
-    spot: Spot,
-    detector: Detector,
-    tolerance: Tolerance,
+    image: Real, point: GeometricalImage, specular_fraction: float, detector: Detector, tolerance: Tolerance
 ) -> float:
     """Add exp(-G) PSF_G to ``image``; returns its estimated error in any sub-pixel, as a fraction of all light."""
     edges_x, edges_y = detector.edges(0), detector.edges(1)
-    rows = _span(edges_y, spot.y_min, spot.y_max)
-    columns = _span(edges_x, spot.x_min, spot.x_max)
+    rows = _span(edges_y, point.spot.y_min, point.spot.y_max)
+    columns = _span(edges_x, point.spot.x_min, point.spot.x_max)
     if specular_fraction == 0.0 or rows.stop <= rows.start or columns.stop <= columns.start:
         return 0.0
     unscattered, error = unscattered_on_grid(
-        telescope,
-        field,
+        point,
         edges_x[columns.start : columns.stop + 1],
         edges_y[rows.start : rows.stop + 1],
         0.3 * tolerance.ee / specular_fraction,
@@ -94,28 +71,27 @@ def _add_by_moments(
     edges_x: Real,
     edges_y: Real,
     mixture: GaussianMixture,
-    spot: Spot,
-    moments: Real,
+    point: GeometricalImage,
     order: Index,
     tolerance: Tolerance,
 ) -> None:
     """Add the terms whose ``order`` is not negative, in nested blocks about the centroid, the widest first."""
-    radius = _radius_of_influence(mixture, spot, tolerance)
+    radius = _radius_of_influence(mixture, point.spot, tolerance)
     whole = 0.5 * math.hypot(edges_x[-1] - edges_x[0], edges_y[-1] - edges_y[0])
     level = np.maximum(np.floor(np.log(whole / radius) / math.log(_LEVEL)), 0.0)
     level[radius < _SMALLEST_BLOCK * (edges_x[1] - edges_x[0])] = np.inf
+    centre_x, centre_y = point.spot.centroid_x, point.spot.centroid_y
     for this in np.unique(level[order >= 0]):
         members = (level == this) & (order >= 0)
         reach = float(radius[members].max()) if this > 0.0 else math.inf
-        rows = _span(edges_y, spot.centroid_y - reach, spot.centroid_y + reach)
-        columns = _span(edges_x, spot.centroid_x - reach, spot.centroid_x + reach)
+        rows = _span(edges_y, centre_y - reach, centre_y + reach)
+        columns = _span(edges_x, centre_x - reach, centre_x + reach)
         left, right = _factors(
-            edges_y[rows.start : rows.stop + 1] - spot.centroid_y,
-            edges_x[columns.start : columns.stop + 1] - spot.centroid_x,
+            edges_y[rows.start : rows.stop + 1] - centre_y,
+            edges_x[columns.start : columns.stop + 1] - centre_x,
             GaussianMixture(mixture.weight[members], mixture.variance[members]),
-            moments,
+            point,
             int(order[members].max()),
-            spot,
         )
         if this == 0.0:
             np.matmul(left, right, out=image)
@@ -124,18 +100,17 @@ def _add_by_moments(
 
 
 def _factors(
-    edges_y: Real, edges_x: Real, mixture: GaussianMixture, moments: Real, order: int, spot: Spot
+    edges_y: Real, edges_x: Real, mixture: GaussianMixture, point: GeometricalImage, order: int
 ) -> tuple[Real, Real]:
     """Matrices (y, column) and (column, x) whose product is the mixture blurred to ``order`` on the cells.
 
     Columns that symmetry leaves empty are left out.
     """
-    Q = moments[: order + 1, : order + 1].copy()
-    Q[np.add.outer(np.arange(order + 1), np.arange(order + 1)) > order] = 0.0
-    x = interval_integrals(edges_x[:-1], edges_x[1:], mixture.variance + spot.rms_x**2, order)
-    y = interval_integrals(edges_y[:-1], edges_y[1:], mixture.variance + spot.rms_y**2, order)
-    used = np.flatnonzero(np.any(Q != 0.0, axis=1))
-    left = np.tensordot(Q[used], y, axes=1) * mixture.weight[:, None]
+    moments = moments_to(point, order)
+    x = interval_integrals(edges_x[:-1], edges_x[1:], mixture.variance + point.spot.rms_x**2, order)
+    y = interval_integrals(edges_y[:-1], edges_y[1:], mixture.variance + point.spot.rms_y**2, order)
+    used = np.flatnonzero(np.any(moments != 0.0, axis=1))
+    left = np.tensordot(moments[used], y, axes=1) * mixture.weight[:, None]
     return left.reshape(-1, edges_y.size - 1).T, x[used].reshape(-1, edges_x.size - 1)
 
 

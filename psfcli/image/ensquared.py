@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.expansion import normal_probability
+from psfcli.image.blur import normal_probability
+from psfcli.image.geometric import GeometricalImage
 from psfcli.image.rectangle import Rectangles, scattered_in_rectangles
 from psfcli.image.result import EnsquaredEnergy, Spot
 from psfcli.image.scatter import Halo
 from psfcli.image.unscattered import unscattered_in_boxes
-from psfcli.telescope.system import Field, Telescope
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
@@ -36,31 +36,25 @@ def box_centres(spot: Spot) -> tuple[tuple[float, float], ...]:
 
 
 def ensquared_energy(
-    telescope: Telescope, field: Field, halo: Halo, spot: Spot, half_width: Real, tolerance: Tolerance
-) -> tuple[EnsquaredEnergy, float]:
+    point: GeometricalImage, halo: Halo, half_width: Real, tolerance: Tolerance
+) -> tuple[EnsquaredEnergy, Real, float]:
     """Energies in squares of increasing ``half_width`` about each of the ``box_centres``, within ``tolerance.ee``;
 
-    and the estimated error of the unscattered light in them, as a fraction of all light.
+    of these the scattered light about the Gaussian image point, shape [box], and the estimated error of the
+    unscattered light in any box; both as fractions of all light.
     """
-    distinct = list(dict.fromkeys(box_centres(spot)))
-    boxes = [Rectangles.squares(centre, half_width) for centre in distinct]
-    together = Rectangles(
-        *(
-            np.concatenate([getattr(box, edge) for box in boxes])
-            for edge in ("x_start", "x_stop", "y_start", "y_stop")
-        )
-    )
-    scattered = scattered_in_rectangles(
-        telescope, field, halo.mixture, spot, together, Tolerance(pixel=1.0, ee=tolerance.ee)
-    )
-    energy, error = {}, 0.0
-    for centre, share in zip(distinct, np.split(scattered, len(distinct)), strict=True):
-        energy[centre] = share
-        if halo.specular_fraction > 0.0:
+    centres = box_centres(point.spot)
+    distinct = list(dict.fromkeys(centres))
+    boxes = Rectangles.together([Rectangles.squares(centre, half_width) for centre in distinct])
+    scattered = scattered_in_rectangles(point, halo.mixture, boxes, Tolerance(pixel=1.0, ee=tolerance.ee))
+    shares = dict(zip(distinct, np.split(scattered, len(distinct)), strict=True))
+    energy, error = dict(shares), 0.0
+    if halo.specular_fraction > 0.0:
+        for centre in distinct:
             unscattered, its_error = unscattered_in_boxes(
-                telescope, field, centre, half_width, 0.3 * tolerance.ee / halo.specular_fraction
+                point, centre, half_width, 0.3 * tolerance.ee / halo.specular_fraction
             )
-            energy[centre] = share + halo.specular_fraction * unscattered
+            energy[centre] = shares[centre] + halo.specular_fraction * unscattered
             error = max(error, halo.specular_fraction * its_error)
-    about = [energy[centre] for centre in box_centres(spot)]
-    return EnsquaredEnergy(half_width, *about, unaberrated_energy(halo, half_width)), error
+    about = [energy[centre] for centre in centres]
+    return EnsquaredEnergy(half_width, *about, unaberrated_energy(halo, half_width)), shares[centres[0]], error

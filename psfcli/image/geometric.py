@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from psfcli.image.quadrature import gauss_legendre
 from psfcli.image.result import Spot
 from psfcli.telescope.aberration import transverse_aberration_along_azimuths
 from psfcli.telescope.system import Field, Telescope
 
 Real = NDArray[np.float64]
 
-_EXACT_RADII, _EXACT_AZIMUTHS = 6, 16  # integrates every second moment of cubic rays exactly
+MAX_MOMENT = 14
+_EXACT_RADII, _EXACT_AZIMUTHS = 12, 16  # integrates every second moment of cubic rays exactly
 _EXTENT_AZIMUTHS = 256
 
 
@@ -28,6 +30,24 @@ class RayBundle:
     share: Real
     x: Real
     y: Real
+
+
+@dataclass(frozen=True, slots=True)
+class GeometricalImage:
+    """PSF_G of one field point.
+
+    ``moments`` Q_ab of the spot about its centroid, with the Gaussian part of its rms taken out (blur.py);
+    ``radial_length`` [mm] of the longest path of the landing point along a pupil radius and ``azimuthal_length`` [mm]
+    per radian of azimuth at its fastest; ``mirror_symmetric``: x and -x are alike.
+    """
+
+    telescope: Telescope
+    field: Field
+    spot: Spot
+    moments: Real
+    radial_length: float
+    azimuthal_length: float
+    mirror_symmetric: bool
 
 
 def azimuth_rule(telescope: Telescope, field: Field, count: int) -> Real:
@@ -61,14 +81,14 @@ def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int) ->
     a full annulus, Gauss on a sector).
     """
     inner = telescope.pupil.obscuration**2
-    node, weight = np.polynomial.legendre.leggauss(radii)
+    node, weight = gauss_legendre(radii)
     rho = np.sqrt(inner + (1.0 - inner) * 0.5 * (node + 1.0))
     if telescope.pupil.is_full_annulus:
         azimuth = azimuth_rule(telescope, field, azimuths)
         slice_weight = np.full(azimuths, 1.0 / azimuths)
     else:
         start, stop = telescope.pupil.sector
-        slice_node, slice_weight = np.polynomial.legendre.leggauss(azimuths)
+        slice_node, slice_weight = gauss_legendre(azimuths)
         azimuth = start + (stop - start) * 0.5 * (slice_node + 1.0)
         slice_weight = 0.5 * slice_weight
     fans_x, fans_y = ray_fans(telescope, field, azimuth)
@@ -79,10 +99,31 @@ def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int) ->
     )
 
 
+def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
+    """PSF_G of a field point reduced to what later steps ask of it."""
+    spot = spot_statistics(telescope, field)
+    azimuth = azimuth_rule(telescope, field, _EXTENT_AZIMUTHS)
+    fans_x, fans_y = ray_fans(telescope, field, azimuth)
+    rho = np.linspace(telescope.pupil.obscuration, 1.0, 17)
+    x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
+    start, stop = telescope.pupil.sector
+    return GeometricalImage(
+        telescope=telescope,
+        field=field,
+        spot=spot,
+        moments=_quasi_moments(telescope, field, spot),
+        radial_length=float(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0).max()),
+        azimuthal_length=float(
+            np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).max() * _EXTENT_AZIMUTHS / (stop - start)
+        ),
+        mirror_symmetric=telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0,
+    )
+
+
 def spot_statistics(telescope: Telescope, field: Field) -> Spot:
     """Centroid, chief ray, rms about the centroid and extent of the geometrical spot [mm]."""
     azimuths = _EXACT_AZIMUTHS if telescope.pupil.is_full_annulus else 4 * _EXACT_AZIMUTHS
-    rays = ray_bundle(telescope, field, 2 * _EXACT_RADII, azimuths)
+    rays = ray_bundle(telescope, field, _EXACT_RADII, azimuths)
     mean_x, mean_y = float(rays.share @ rays.x), float(rays.share @ rays.y)
     fans_x, fans_y = ray_fans(telescope, field, azimuth_rule(telescope, field, _EXTENT_AZIMUTHS))
     rho = np.linspace(telescope.pupil.obscuration, 1.0, 33)
@@ -101,13 +142,37 @@ def spot_statistics(telescope: Telescope, field: Field) -> Spot:
     )
 
 
-def nodes_for_spacing(telescope: Telescope, field: Field, spacing: float) -> tuple[int, int]:
-    """Radii and azimuths of a pupil quadrature whose rays land at most ``spacing`` [mm] apart."""
-    start, stop = telescope.pupil.sector
-    azimuth = azimuth_rule(telescope, field, _EXTENT_AZIMUTHS)
-    fans_x, fans_y = ray_fans(telescope, field, azimuth)
-    rho = np.linspace(telescope.pupil.obscuration, 1.0, 17)
-    x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
-    radial = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0).max()
-    slices = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).max() * (_EXTENT_AZIMUTHS / (stop - start))
-    return 6 + math.ceil(1.2 * radial / spacing), 12 + math.ceil((stop - start) * slices / spacing)
+def rays_apart(image: GeometricalImage, spacing: float) -> RayBundle:
+    """Rays at the nodes of a pupil quadrature, landing at most ``spacing`` [mm] apart."""
+    start, stop = image.telescope.pupil.sector
+    radii = 6 + math.ceil(1.2 * image.radial_length / spacing)
+    azimuths = 12 + math.ceil((stop - start) * image.azimuthal_length / spacing)
+    return ray_bundle(image.telescope, image.field, radii, azimuths)
+
+
+def _quasi_moments(telescope: Telescope, field: Field, spot: Spot) -> Real:
+    """E[He_a(eps_x - cx; rms_x^2) He_b(eps_y - cy; rms_y^2)]/(a! b!) [mm^(a+b)] for a + b <= MAX_MOMENT, zero beyond.
+
+    Shape (MAX_MOMENT + 1,) * 2. The rays' polynomials are integrated exactly on a full annulus.
+    """
+    azimuths = 2 * MAX_MOMENT + 2 if telescope.pupil.is_full_annulus else 8 * MAX_MOMENT
+    rays = ray_bundle(telescope, field, 2 * MAX_MOMENT, azimuths)
+    order = np.arange(MAX_MOMENT + 1)
+    factorial = np.cumprod(np.maximum(order, 1)).astype(np.float64)
+    x = _scaled_hermite(rays.x - spot.centroid_x, spot.rms_x) / factorial[:, None]
+    y = _scaled_hermite(rays.y - spot.centroid_y, spot.rms_y) / factorial[:, None]
+    moments = (x * rays.share) @ y.T
+    moments[np.add.outer(order, order) > MAX_MOMENT] = 0.0
+    if telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0:
+        moments[1::2] = 0.0  # rounding, where symmetry has nothing
+    return moments
+
+
+def _scaled_hermite(x: Real, rms: float) -> Real:
+    """He_n(x; rms^2) for n = 0..MAX_MOMENT, shape (MAX_MOMENT + 1, ray): He_(n+1) = x He_n - n rms^2 He_(n-1)."""
+    out = np.empty((MAX_MOMENT + 1, x.size))
+    out[0] = 1.0
+    out[1] = x
+    for n in range(1, MAX_MOMENT):
+        out[n + 1] = x * out[n] - n * rms**2 * out[n - 1]
+    return out

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from psfcli.image.quadrature import gauss_legendre
 from psfcli.surface.harvey_shack import transfer_exponent
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.surface.surface import Surface
@@ -73,7 +74,7 @@ def _clip_separation(surface: Surface, wavelength: float) -> float:
 def _panels(breaks: Real, reach: float) -> tuple[Real, Real]:
     """Gauss nodes and weights from 0 through the ``breaks``; the first panel resolves the branch point at q = 0."""
     count = 48 + math.ceil(4.0 * reach * float(breaks.max(initial=0.0)))
-    x, w = np.polynomial.legendre.leggauss(count)
+    x, w = gauss_legendre(count)
     x, w = 0.5 * (x + 1.0), 0.5 * w
     nodes, weights = [], []
     start = 0.0

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.geometric import nodes_for_spacing, ray_bundle
+from psfcli.image.geometric import GeometricalImage, rays_apart
 from psfcli.image.grid import Detector
-from psfcli.image.result import Spot
+from psfcli.image.quadrature import gauss_legendre
 from psfcli.image.scatter import Halo, scatter_terms
 from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.surface.harvey_shack import phase_variance, transfer_exponent
 from psfcli.surface.surface import Surface
-from psfcli.telescope.system import Field, Telescope
+from psfcli.telescope.system import Telescope
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
@@ -83,9 +83,7 @@ def encircled_energy(surfaces: Sequence[Surface], telescope: Telescope, waveleng
 
 
 def outside_window(
-    telescope: Telescope,
-    field: Field,
-    spot: Spot,
+    point: GeometricalImage,
     halo: Halo,
     encircled: EncircledEnergy | None,
     detector: Detector,
@@ -93,24 +91,23 @@ def outside_window(
 ) -> float:
     """The fraction of all light that misses the detector's window, scattered and unscattered, within ``tolerance.ee``."""
     x_start, x_stop, y_start, y_stop = window = detector.bounds()
+    spot = point.spot
     outside = 0.0
     if halo.specular_fraction > 0.0 and not (
         x_start < spot.x_min and spot.x_max < x_stop and y_start < spot.y_min and spot.y_max < y_stop
     ):
         edges_x, edges_y = np.array([x_start, x_stop]), np.array([y_start, y_stop])
-        cell, _ = unscattered_on_grid(telescope, field, edges_x, edges_y, 0.3 * tolerance.ee / halo.specular_fraction)
+        cell, _ = unscattered_on_grid(point, edges_x, edges_y, 0.3 * tolerance.ee / halo.specular_fraction)
         outside += halo.specular_fraction * (1.0 - float(cell[0, 0]))
     if encircled is not None:
         core_width = math.sqrt(float(halo.mixture.variance[0]))
-        inside = _scattered_inside(telescope, field, spot, encircled, core_width, window)
+        inside = _scattered_inside(point, encircled, core_width, window)
         outside += (1.0 - halo.specular_fraction) - inside
     return outside
 
 
 def _scattered_inside(
-    telescope: Telescope,
-    field: Field,
-    spot: Spot,
+    point: GeometricalImage,
     encircled: EncircledEnergy,
     core_width: float,
     window: tuple[float, float, float, float],
@@ -121,9 +118,10 @@ def _scattered_inside(
     Y], averaged over rays through the pupil: as close as the narrowest core where an edge is near the spot.
     """
     x_start, x_stop, y_start, y_stop = window
+    spot = point.spot
     clearance = min(spot.x_min - x_start, x_stop - spot.x_max, spot.y_min - y_start, y_stop - spot.y_max)
     spacing = max(core_width, _FARTHEST_RAY_SHARE * clearance)
-    rays = ray_bundle(telescope, field, *nodes_for_spacing(telescope, field, spacing))
+    rays = rays_apart(point, spacing)
     inside = 0.0
     for first in range(0, rays.x.size, _RAYS_AT_ONCE):
         part = slice(first, first + _RAYS_AT_ONCE)
@@ -140,7 +138,7 @@ def _scattered_inside(
 
 def _corner(encircled: EncircledEnergy, x: Real, y: Real) -> Real:
     """I(X, Y), the energy in the rectangle from the origin to (X, Y), odd in both; shape of ``x``."""
-    node, weight = np.polynomial.legendre.leggauss(_CORNER_NODES)
+    node, weight = gauss_legendre(_CORNER_NODES)
     X, Y = np.abs(x), np.abs(y)
     total = np.zeros_like(x)
     for near, far in ((X, Y), (Y, X)):

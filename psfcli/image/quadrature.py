@@ -1,9 +1,10 @@
-"""Adaptive integration of many functions of one variable at once."""
+"""Quadrature: Gauss's rule, and adaptive integration of many functions of one variable at once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,13 @@ _MOST_NODES = 400_000
 _SLICES_AT_ONCE = 256
 _LEAST_SHARE = 0.1  # few slices hold a kink of any one function: each may use this share of the tolerance
 _KINK_GAIN = 2.0  # from a slice to its halves a kink's error falls by 2^(3/2) to 4
+
+
+@lru_cache(maxsize=256)
+def gauss_legendre(count: int) -> tuple[Real, Real]:
+    """Nodes and weights of Gauss's rule on (-1, 1), shape (count,), not to be written to; weights add to 2."""
+    node, weight = np.polynomial.legendre.leggauss(count)
+    return node, weight
 
 
 @dataclass(frozen=True, slots=True)

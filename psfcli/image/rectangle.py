@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.expansion import (
-    TAIL,
-    allowed_error,
-    interval_integrals,
-    normal_probability,
-    orders_needed,
-    quasi_moments,
-    ray_spacing,
-)
-from psfcli.image.geometric import RayBundle, nodes_for_spacing, ray_bundle
-from psfcli.image.result import Spot
+from psfcli.image.blur import TAIL, interval_integrals, moments_to, normal_probability, treatment
+from psfcli.image.geometric import GeometricalImage, RayBundle, rays_apart
 from psfcli.surface.mixture import GaussianMixture
-from psfcli.telescope.system import Field, Telescope
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
@@ -42,14 +33,16 @@ class Rectangles:
         x, y = centre
         return cls(x - half_width, x + half_width, y - half_width, y + half_width)
 
+    @classmethod
+    def together(cls, several: Sequence[Rectangles]) -> Rectangles:
+        """All rectangles of ``several``, one after the other."""
+        return cls(
+            *(np.concatenate([getattr(some, edge) for some in several]) for edge in ("x_start", "x_stop", "y_start", "y_stop"))
+        )
+
 
 def scattered_in_rectangles(
-    telescope: Telescope,
-    field: Field,
-    mixture: GaussianMixture,
-    spot: Spot,
-    rectangles: Rectangles,
-    tolerance: Tolerance,
+    point: GeometricalImage, mixture: GaussianMixture, rectangles: Rectangles, tolerance: Tolerance
 ) -> Real:
     """The scattered light in each rectangle as a fraction of all light, shape [rectangle].
 
@@ -58,20 +51,29 @@ def scattered_in_rectangles(
     energy = np.zeros_like(rectangles.x_start)
     if mixture.weight.size == 0:
         return energy
-    moments = quasi_moments(telescope, field, spot)
-    order = orders_needed(moments, mixture.variance, spot, allowed_error(mixture, tolerance))
-    wide = order >= 0
+    how = treatment(point, mixture, tolerance)
+    wide = how.order >= 0
     energy += _by_moments(
-        GaussianMixture(mixture.weight[wide], mixture.variance[wide]), moments, order.max(initial=0), spot, rectangles
+        GaussianMixture(mixture.weight[wide], mixture.variance[wide]), point, how.order.max(initial=0), rectangles
     )
-    spacing = ray_spacing(np.sqrt(mixture.variance), mixture.weight, 0.1 * tolerance.ee / mixture.weight.size)
+    halved = point.mirror_symmetric and bool(np.all(rectangles.x_start == -rectangles.x_stop))
     for k in np.flatnonzero(~wide):
-        rays = ray_bundle(telescope, field, *nodes_for_spacing(telescope, field, float(spacing[k])))
+        rays = rays_apart(point, float(how.spacing[k]))
+        if halved:
+            rays = _one_side(rays)
         energy += mixture.weight[k] * _by_rays(rays, float(mixture.variance[k]) ** 0.5, rectangles)
     return energy
 
 
-def _by_moments(mixture: GaussianMixture, moments: Real, order: int, spot: Spot, rectangles: Rectangles) -> Real:
+def _one_side(rays: RayBundle) -> RayBundle:
+    """The rays on one side of a mirror-symmetric bundle, standing for both."""
+    kept = rays.x >= 0.0
+    share = rays.share[kept] * np.where(rays.x[kept] > 0.0, 2.0, 1.0)
+    return RayBundle(share, rays.x[kept], rays.y[kept])
+
+
+def _by_moments(mixture: GaussianMixture, point: GeometricalImage, order: int, rectangles: Rectangles) -> Real:
+    spot = point.spot
     x = interval_integrals(
         rectangles.x_start - spot.centroid_x,
         rectangles.x_stop - spot.centroid_x,
@@ -84,8 +86,7 @@ def _by_moments(mixture: GaussianMixture, moments: Real, order: int, spot: Spot,
         mixture.variance + spot.rms_y**2,
         order,
     )
-    blurred = np.sum(x * np.tensordot(moments[: order + 1, : order + 1], y, axes=1), axis=0)
-    energy: Real = mixture.weight @ blurred
+    energy: Real = mixture.weight @ np.sum(x * np.tensordot(moments_to(point, order), y, axes=1), axis=0)
     return energy
 
 

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.crossings import Pieces, pieces_between
-from psfcli.image.geometric import along_fans, ray_fans
+from psfcli.image.geometric import GeometricalImage, along_fans, ray_fans
 from psfcli.image.quadrature import integrate_adaptively
-from psfcli.telescope.system import Field, Telescope
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -28,7 +27,7 @@ _BUCKETS = 1021  # cells are told apart modulo this when slices are judged
 
 
 def unscattered_on_grid(
-    telescope: Telescope, field: Field, edges_x: Real, edges_y: Real, tolerance: float
+    point: GeometricalImage, edges_x: Real, edges_y: Real, tolerance: float
 ) -> tuple[Real, float]:
     """Fractions of the unscattered light in the cells of a uniform grid, shape (y, x), and their estimated error.
 
@@ -48,14 +47,14 @@ def unscattered_on_grid(
             for row, row_part in _cells(pieces.y, edges_y)
         ]
 
-    symmetric = _mirror_symmetric(telescope, field) and np.allclose(edges_x, -edges_x[::-1], rtol=0.0, atol=1e-12)
-    energy, error = _integrated(telescope, field, edges_x, edges_y, cells, rows * columns, tolerance, half=symmetric)
+    symmetric = point.mirror_symmetric and np.allclose(edges_x, -edges_x[::-1], rtol=0.0, atol=1e-12)
+    energy, error = _integrated(point, edges_x, edges_y, cells, rows * columns, tolerance, half=symmetric)
     grid = energy.reshape(rows, columns)
     return (0.5 * (grid + grid[:, ::-1]) if symmetric else grid), error
 
 
 def unscattered_in_boxes(
-    telescope: Telescope, field: Field, centre: tuple[float, float], half_width: Real, tolerance: float
+    point: GeometricalImage, centre: tuple[float, float], half_width: Real, tolerance: float
 ) -> tuple[Real, float]:
     """Fractions of the unscattered light in squares of increasing ``half_width`` [mm] about ``centre``, same shape,
 
@@ -67,10 +66,9 @@ def unscattered_in_boxes(
         return [(np.searchsorted(half_width, distance), np.ones_like(distance))]
 
     edges = np.concatenate([-half_width[::-1], half_width])
-    symmetric = _mirror_symmetric(telescope, field) and centre[0] == 0.0
+    symmetric = point.mirror_symmetric and centre[0] == 0.0
     energy, error = _integrated(
-        telescope,
-        field,
+        point,
         centre[0] + edges,
         centre[1] + edges,
         rings,
@@ -82,14 +80,8 @@ def unscattered_in_boxes(
     return np.minimum(energy[:-1], 1.0), error
 
 
-def _mirror_symmetric(telescope: Telescope, field: Field) -> bool:
-    """Whether the image is symmetric in x: the whole annulus is lit and the field lies along y."""
-    return telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
-
-
 def _integrated(
-    telescope: Telescope,
-    field: Field,
+    point: GeometricalImage,
     edges_x: Real,
     edges_y: Real,
     assign: Callable[[Pieces], list[Assignment]],
@@ -107,7 +99,7 @@ def _integrated(
 
     def gathered(azimuth: Real, modulus: int) -> Real:
         """The light of each fan per cell modulo ``modulus``, shape (azimuths, modulus)."""
-        pieces = pieces_between(telescope, field, azimuth, edges_x, edges_y)
+        pieces = pieces_between(point.telescope, point.field, azimuth, edges_x, edges_y)
         light = np.zeros(azimuth.size * modulus)
         for cell, part in assign(pieces):
             lit = (cell >= 0) & (part > 0.0)
@@ -120,7 +112,7 @@ def _integrated(
             return gathered(azimuth, min(cells, _BUCKETS))
         return np.cumsum(gathered(azimuth, cells), axis=1)
 
-    bounds = _first_slices(telescope, field, tolerance, half, common_centre)
+    bounds = _first_slices(point, tolerance, half, common_centre)
     rule = integrate_adaptively(judged, bounds, tolerance * (bounds[-1] - bounds[0]))
     total = float(bounds[-1] - bounds[0])
     if common_centre is not None or cells <= _BUCKETS:
@@ -128,7 +120,7 @@ def _integrated(
     energy = np.zeros(cells)
     for first in range(0, rule.node.size, _FANS_AT_ONCE):
         part = slice(first, first + _FANS_AT_ONCE)
-        pieces = pieces_between(telescope, field, rule.node[part], edges_x, edges_y)
+        pieces = pieces_between(point.telescope, point.field, rule.node[part], edges_x, edges_y)
         power = pieces.share * rule.weight[part][pieces.fan] / total
         for cell, piece_part in assign(pieces):
             lit = cell >= 0
@@ -137,7 +129,7 @@ def _integrated(
 
 
 def _first_slices(
-    telescope: Telescope, field: Field, tolerance: float, half: bool, common_centre: tuple[float, float] | None
+    point: GeometricalImage, tolerance: float, half: bool, common_centre: tuple[float, float] | None
 ) -> Real:
     """Bounds of slices narrow enough that no feature worth ``tolerance`` falls between their fans.
 
@@ -145,6 +137,7 @@ def _first_slices(
     a centre shrink to nothing there, so slices whose fans pass at a distance d are no wider than d, down to boxes that
     hold less than the tolerance themselves.
     """
+    telescope, field = point.telescope, point.field
     start, stop = telescope.pupil.sector
     if telescope.pupil.is_full_annulus:
         start, stop = 0.5 * math.pi, (1.5 if half else 2.5) * math.pi

@@ -61,7 +61,7 @@ def _quadrature(wavelength: float, surfaces: tuple) -> tuple[np.ndarray, np.ndar
 
 
 def missing_psf(system: TruthSystem, x: np.ndarray) -> np.ndarray:
-    """D(x) [1/mm^2] at radii ``x`` [mm] of any shape; relative to its envelope good to 1e-11 for x < 30 d."""
+    """D(x) [1/mm^2] at radii ``x`` [mm] of any shape (x < 30 d). With S: 1e-6 of FFTLog up to 0.8 d."""
     x = np.asarray(x, float)
     q, weight = _quadrature(system.wavelength, system.surfaces)
     flat = x.ravel()

@@ -81,7 +81,7 @@ def specular_energy(system: TruthSystem, x0: float, x1: float, y0: float, y1: fl
     """Fraction of PSF_G in the rectangle [mm]; the light of the specular image is exp(-sum g) times this.
 
     Panels in rho^2 are halved until each differs from its halves by less than its share of ``tolerance``. Against the
-    exact annulus, line and coma disc: 1e-10 or better. A spot that collapses to a point on an edge counts half (a
+    exact annulus and line: 1e-10 or better. A spot that collapses to a point on an edge counts half (a
     quarter at a corner).
     """
     inner = system.obscuration**2

@@ -14,73 +14,68 @@ the trapezoid rule in the pupil errs by 2 exp(-2 pi^2 s^2/spacing^2).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from psfcli.image.geometric import ray_bundle
-from psfcli.image.result import Spot
+from psfcli.image.geometric import MAX_MOMENT, GeometricalImage
+from psfcli.image.quadrature import gauss_legendre
 from psfcli.surface.mixture import GaussianMixture
-from psfcli.telescope.system import Field, Telescope
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
 
-MAX_ORDER = 12
+MAX_ORDER = MAX_MOMENT - 2  # the moments beyond tell the error
 TAIL = 8.5  # widths beyond which less than 1e-17 of a Gaussian lies
 _HERMITE_MARGIN = 10.0  # |He_a(u)| <= 1.09 sqrt(a!) exp(u^2/4): the factor at u = 3, where a mixture's terms still count
+_SHARE = 0.3  # of the tolerance, for all terms together
 _SMOOTH_CELL = 0.25  # cells narrower than this many widths: Gauss's rule instead of differences (relative error 2e-8)
-_NODE, _NODE_WEIGHT = np.polynomial.legendre.leggauss(4)
+_NODE, _NODE_WEIGHT = gauss_legendre(4)
 
 
-def quasi_moments(telescope: Telescope, field: Field, spot: Spot) -> Real:
-    """Q_ab [mm^(a+b)] for a + b <= MAX_ORDER + 2, shape (MAX_ORDER + 3,) * 2, zero beyond.
-
-    The rays' polynomials are integrated exactly on a full annulus.
-    """
-    top = MAX_ORDER + 2
-    azimuths = 2 * top + 2 if telescope.pupil.is_full_annulus else 8 * top
-    rays = ray_bundle(telescope, field, 2 * top, azimuths)
-    order = np.arange(top + 1)
-    factorial = special.factorial(order)
-    x = _scaled_hermite(rays.x - spot.centroid_x, spot.rms_x, top) / factorial[:, None]
-    y = _scaled_hermite(rays.y - spot.centroid_y, spot.rms_y, top) / factorial[:, None]
-    moments = (x * rays.share) @ y.T
-    moments[np.add.outer(order, order) > top] = 0.0
-    return moments
-
-
-def truncation_error(moments: Real, variance: Real, spot: Spot) -> Real:
+def truncation_error(image: GeometricalImage, variance: Real) -> Real:
     """Relative error of cutting the series after total order 0, 1, ... MAX_ORDER, shape (order, term).
 
     The sum of the bounds of all later known orders. ``variance`` is s^2 of each term [mm^2].
     """
-    top = moments.shape[0] - 1
-    order = np.arange(top + 1)
+    order = np.arange(MAX_MOMENT + 1)
     root = np.sqrt(special.factorial(order))
-    width_x, width_y = np.sqrt(variance + spot.rms_x**2), np.sqrt(variance + spot.rms_y**2)
+    width_x, width_y = np.sqrt(variance + image.spot.rms_x**2), np.sqrt(variance + image.spot.rms_y**2)
     scaled_x = root[:, None] / width_x ** order[:, None]
     scaled_y = root[:, None] / width_y ** order[:, None]
-    size = np.zeros((top + 1, variance.size))
-    for a in range(top + 1):
-        for b in range(top + 1 - a):
-            if moments[a, b] != 0.0:
-                size[a + b] += abs(moments[a, b]) * scaled_x[a] * scaled_y[b]
+    size = np.zeros((MAX_MOMENT + 1, variance.size))
+    for a, b in np.argwhere(image.moments):
+        size[a + b] += abs(image.moments[a, b]) * scaled_x[a] * scaled_y[b]
     later = np.cumsum(size[::-1], axis=0)[::-1]
     return _HERMITE_MARGIN * later[1 : MAX_ORDER + 2]
 
 
-def orders_needed(moments: Real, variance: Real, spot: Spot, allowed: Real) -> NDArray[np.intp]:
-    """The lowest order whose truncation error is within ``allowed`` (relative, per term); -1: no order, use rays."""
-    enough = truncation_error(moments, variance, spot) <= allowed
-    return np.where(enough.any(axis=0), enough.argmax(axis=0), -1)
+@dataclass(frozen=True, slots=True)
+class Treatment:
+    """How each term of a mixture is blurred: to which ``order`` of moments, or (-1) by rays ``spacing`` [mm] apart."""
+
+    order: NDArray[np.intp]
+    spacing: Real
 
 
-def allowed_error(mixture: GaussianMixture, tolerance: Tolerance) -> Real:
-    """The relative error allowed to each term of the mixture: a share of the pixel's, and of the energy's by its weight."""
-    by_energy = 0.1 * tolerance.ee / (np.sqrt(mixture.weight.size) * np.abs(mixture.weight))
-    return np.minimum(0.1 * tolerance.pixel, by_energy)
+def treatment(image: GeometricalImage, mixture: GaussianMixture, tolerance: Tolerance) -> Treatment:
+    """The cheapest treatment of each term within ``tolerance``, relative for pixels and absolute for energies."""
+    energy = tolerance.ee / mixture.weight.size
+    enough = truncation_error(image, mixture.variance) <= np.minimum(
+        0.1 * tolerance.pixel, _SHARE * energy / np.abs(mixture.weight)
+    )
+    return Treatment(
+        order=np.where(enough.any(axis=0), enough.argmax(axis=0), -1),
+        spacing=ray_spacing(np.sqrt(mixture.variance), mixture.weight, _SHARE * energy),
+    )
+
+
+def moments_to(image: GeometricalImage, order: int) -> Real:
+    """Q_ab for a + b <= ``order``, zero beyond, shape (order + 1,) * 2 [mm^(a+b)]."""
+    ranks = np.arange(order + 1)
+    return np.where(np.add.outer(ranks, ranks) > order, 0.0, image.moments[: order + 1, : order + 1])
 
 
 def ray_spacing(width: Real, weight: Real, error: float) -> Real:
@@ -134,14 +129,4 @@ def _by_quadrature(low: Real, high: Real, order: int) -> Real:
         for a in range(order + 1):
             out[a] += current
             previous, current = current, u * current - a * previous
-    return out
-
-
-def _scaled_hermite(x: Real, rms: float, top: int) -> Real:
-    """He_n(x; rms^2) for n = 0..top, shape (top + 1, ray): He_(n+1) = x He_n - n rms^2 He_(n-1)."""
-    out = np.empty((top + 1, x.size))
-    out[0] = 1.0
-    out[1] = x
-    for n in range(1, top):
-        out[n + 1] = x * out[n] - n * rms**2 * out[n - 1]
     return out
