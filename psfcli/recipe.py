@@ -6,8 +6,9 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_all_start_methods, get_context
 from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
@@ -46,19 +47,42 @@ def plan(system: System, *, with_cube: bool = True, jobs: int = 1) -> Plan:
 def images(scene: Plan, jobs: int = 1) -> Iterator[tuple[int, int, FieldImage]]:
     """Yield (wavelength index, field index, image), wavelength after wavelength, fields in order.
 
-    Only as many fields as ``jobs`` are held at a time. Every image is computed by one thread, with one BLAS thread, so
-    that the numbers do not depend on ``jobs``.
+    Images are computed one by one, or by ``jobs`` processes that take whole fields and hold no more of them than there
+    are processes; with one BLAS thread each, so that the numbers do not depend on ``jobs``.
     """
-    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(jobs) as pool:
-        for w, wavelength in enumerate(scene.wavelengths):
-            scatter = wavelength_scatter(scene.surfaces, scene.telescope, wavelength, scene.reach, scene.tolerance)
+    order = [(w, f) for w in range(len(scene.wavelengths)) for f in range(len(scene.fields))]
+    with threadpool_limits(limits=1, user_api="blas"):
+        if jobs == 1:
+            scatter = None
+            for w, f in order:
+                if f == 0 or scatter is None:
+                    scatter = _scatter(scene, w)
+                yield w, f, _image(scene, scatter, f)
+            return
+        scatters = [_scatter(scene, w) for w in range(len(scene.wavelengths))]
+        # forked processes begin with everything loaded and computed so far; elsewhere they load it again
+        method = "fork" if "fork" in get_all_start_methods() else "spawn"
+        with ProcessPoolExecutor(jobs, get_context(method), _adopt, (scene, scatters)) as pool:
             ahead: deque[Future[FieldImage]] = deque()
-            submitted = 0
-            for f in range(len(scene.fields)):
-                while submitted < min(f + jobs, len(scene.fields)):
-                    ahead.append(pool.submit(_image, scene, scatter, submitted))
-                    submitted += 1
+            for i, (w, f) in enumerate(order):
+                while len(ahead) <= jobs and i + len(ahead) < len(order):
+                    ahead.append(pool.submit(_adopted_image, *order[i + len(ahead)]))
                 yield w, f, ahead.popleft().result()
+
+
+_adopted: tuple[Plan, list[WavelengthScatter]] | None = None  # what a worker process works on
+
+
+def _adopt(scene: Plan, scatters: list[WavelengthScatter]) -> None:
+    global _adopted
+    _adopted = scene, scatters
+
+
+def _adopted_image(w: int, f: int) -> FieldImage:
+    assert _adopted is not None
+    scene, scatters = _adopted
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _image(scene, scatters[w], f)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,15 +97,18 @@ class Trial:
 
 def trials(scene: Plan, wavelength_index: int, field_indices: Sequence[int]) -> list[Trial]:
     """The images of a few fields at one wavelength, computed in earnest and thrown away."""
-    wavelength = scene.wavelengths[wavelength_index]
     tried = []
     with threadpool_limits(limits=1, user_api="blas"):
-        scatter = wavelength_scatter(scene.surfaces, scene.telescope, wavelength, scene.reach, scene.tolerance)
+        scatter = _scatter(scene, wavelength_index)
         for index in field_indices:
             started = time.perf_counter()
             image = _image(scene, scatter, index)
             tried.append(Trial(index, scatter.halo.mixture.weight.size, image, time.perf_counter() - started))
     return tried
+
+
+def _scatter(scene: Plan, w: int) -> WavelengthScatter:
+    return wavelength_scatter(scene.surfaces, scene.telescope, scene.wavelengths[w], scene.reach, scene.tolerance)
 
 
 def _image(scene: Plan, scatter: WavelengthScatter, field_index: int) -> FieldImage:

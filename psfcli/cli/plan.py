@@ -22,7 +22,7 @@ _ROWS = 5  # fields shown, and tried, per wavelength
 @click.command()
 @system_options
 @click.option("--format", "formats", type=Formats(), default=",".join(FORMATS), show_default=True, metavar="LIST")
-@click.option("--jobs", type=click.IntRange(1, 256), default=1, metavar="N", help="Threads the run would use.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=1, metavar="N", help="Processes the run would use.")
 def command(
     config: str,
     overrides: tuple[str, ...],

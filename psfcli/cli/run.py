@@ -16,11 +16,14 @@ from psfcli.cli.options import FORMATS, Formats, MemorySize, accuracy, system_op
 from psfcli.config import load
 
 
+_WORTH_A_POOL = 24  # images: fewer are done before processes have started
+
+
 @click.command()
 @system_options
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_psf.")
 @click.option("--format", "formats", type=Formats(), default=",".join(FORMATS), show_default=True, metavar="LIST")
-@click.option("--jobs", type=click.IntRange(1, 256), default=None, metavar="N", help="Threads, each a field at a time.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=None, metavar="N", help="Processes, each a field at a time; default: as many as pay.")
 @click.option("--max-memory", type=MemorySize(), metavar="SIZE", help="Such as 4GB; default: half of the machine's.")
 @click.option("--overwrite", is_flag=True, help="Replace the products that stand in DIR.")
 @click.option("--dry-run", is_flag=True, help="Say what would be computed, as psfcli plan does; write nothing.")
@@ -50,7 +53,8 @@ def command(
     asked for was not met (the products say so), 4 the output exists or cannot be written.
     """
     system = load(config, overrides, fields or None, accuracy(accuracy_name, pixel_error, ee_error))
-    jobs = jobs or min(len(system.fields), os.cpu_count() or 1)
+    images = len(system.fields) * len(system.wavelengths)
+    jobs = min(images, jobs or ((os.cpu_count() or 1) if images > _WORTH_A_POOL else 1))
 
     def say(line: str) -> None:
         if not quiet:
@@ -63,6 +67,7 @@ def command(
 
         click.echo(describe(system, formats, jobs))
         return
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no idle threads; the recipe sees to the rest
     from psfcli import recipe  # numpy, scipy: not before the system file is known to be good
 
     bar, progress = _progress(quiet)

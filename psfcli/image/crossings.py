@@ -34,10 +34,18 @@ class Pieces:
     fan: Index
 
 
-def pieces_between(telescope: Telescope, field: Field, azimuth: Real, edges_x: Real, edges_y: Real) -> Pieces:
-    """The fans along ``azimuth`` [rad] cut at every crossing with x in ``edges_x`` and y in ``edges_y``, both increasing."""
+def pieces_between(
+    telescope: Telescope, field: Field, azimuth: Real, edges_x: Real, edges_y: Real, origin: Real | None = None
+) -> Pieces:
+    """The fans along ``azimuth`` [rad] cut at every crossing with x in ``edges_x`` and y in ``edges_y``, both increasing.
+
+    Edges and landing points count from the Gaussian image point or, for each fan, from its ``origin`` (2, azimuths).
+    """
     inner = telescope.pupil.obscuration
     fans_x, fans_y = ray_fans(telescope, field, azimuth)
+    if origin is not None:
+        fans_x[0] -= origin[0]
+        fans_y[0] -= origin[1]
     each = np.arange(azimuth.size)
     crossings = [
         _bracketed_crossings(fans, inner, edges) for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))

@@ -50,11 +50,11 @@ def ensquared_energy(
     shares = dict(zip(distinct, np.split(scattered, len(distinct)), strict=True))
     energy, error = dict(shares), 0.0
     if halo.specular_fraction > 0.0:
-        for centre in distinct:
-            unscattered, its_error = unscattered_in_boxes(
-                point, centre, half_width, 0.3 * tolerance.ee / halo.specular_fraction
-            )
-            energy[centre] = shares[centre] + halo.specular_fraction * unscattered
-            error = max(error, halo.specular_fraction * its_error)
+        unscattered, error = unscattered_in_boxes(
+            point, distinct, half_width, 0.5 * tolerance.ee / halo.specular_fraction
+        )
+        for centre, inside in zip(distinct, unscattered, strict=True):
+            energy[centre] = shares[centre] + halo.specular_fraction * inside
+        error *= halo.specular_fraction
     about = [energy[centre] for centre in centres]
     return EnsquaredEnergy(half_width, *about, unaberrated_energy(halo, half_width)), shares[centres[0]], error

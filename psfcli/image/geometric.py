@@ -75,17 +75,18 @@ def along_fans(fans: Real, rho: Real) -> Real:
     return ((fans[3] * r + fans[2]) * r + fans[1]) * r + fans[0]
 
 
-def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int) -> RayBundle:
+def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int, *, half: bool = False) -> RayBundle:
     """Rays at the nodes of a quadrature of the uniformly lit pupil (Gauss in rho^2; in azimuth the trapezoid rule on
 
-    a full annulus, Gauss on a sector).
+    a full annulus, Gauss on a sector). ``half``, for mirror-symmetric images and an even number of ``azimuths``:
+    those on one side of the field direction, standing for both.
     """
     inner = telescope.pupil.obscuration**2
     node, weight = gauss_legendre(radii)
     rho = np.sqrt(inner + (1.0 - inner) * 0.5 * (node + 1.0))
     if telescope.pupil.is_full_annulus:
-        azimuth = azimuth_rule(telescope, field, azimuths)
-        slice_weight = np.full(azimuths, 1.0 / azimuths)
+        azimuth = azimuth_rule(telescope, field, azimuths)[: azimuths // 2 if half else azimuths]
+        slice_weight = np.full(azimuth.size, 1.0 / azimuth.size)
     else:
         start, stop = telescope.pupil.sector
         slice_node, slice_weight = gauss_legendre(azimuths)
@@ -142,12 +143,12 @@ def spot_statistics(telescope: Telescope, field: Field) -> Spot:
     )
 
 
-def rays_apart(image: GeometricalImage, spacing: float) -> RayBundle:
-    """Rays at the nodes of a pupil quadrature, landing at most ``spacing`` [mm] apart."""
+def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -> RayBundle:
+    """Rays at the nodes of a pupil quadrature, landing at most ``spacing`` [mm] apart; ``half`` as in ``ray_bundle``."""
     start, stop = image.telescope.pupil.sector
-    radii = 6 + math.ceil(1.2 * image.radial_length / spacing)
-    azimuths = 12 + math.ceil((stop - start) * image.azimuthal_length / spacing)
-    return ray_bundle(image.telescope, image.field, radii, azimuths)
+    radii = 5 + math.ceil(image.radial_length / spacing)
+    azimuths = 8 + 2 * math.ceil(0.4 * (stop - start) * image.azimuthal_length / spacing)
+    return ray_bundle(image.telescope, image.field, radii, azimuths, half=half)
 
 
 def _quasi_moments(telescope: Telescope, field: Field, spot: Spot) -> Real:

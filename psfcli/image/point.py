@@ -23,8 +23,8 @@ from psfcli.tolerance import Tolerance
 Real = NDArray[np.float64]
 
 _REFINEMENT = 10.0  # the estimate comes from a second calculation asked to be this much finer
-_PROBE_STEPS = 8
-_JUDGED_BOXES = 16
+_PROBE_STEPS = 6
+_JUDGED_BOXES = 10
 
 
 @dataclass(frozen=True, slots=True)

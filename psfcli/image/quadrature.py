@@ -37,17 +37,16 @@ class Rule:
     error: float
 
 
-def integrate_adaptively(functions: Callable[[Real], Real], bounds: Real, tolerance: float) -> Rule:
-    """A rule for the integral of ``functions`` over increasing ``bounds``, made by halving slices until it is exact enough.
+def integrate_adaptively(functions: Callable[[Real], Real], left: Real, right: Real, tolerance: float) -> Rule:
+    """A rule for the integral of ``functions`` over slices from ``left`` to ``right``, halved until it is exact enough.
 
     ``functions`` maps points (n,) to values (n, functions). Each slice is integrated by Simpson's rule and by that
     on its halves: closed rules, so that a kink always lies between two points that were seen. The error is the sum
     of the changes over all slices, for the worst function, less what the last halving gained.
     """
-    left, right = bounds[:-1], bounds[1:]
-    values = functions(np.concatenate([bounds, 0.5 * (left + right)]))
-    value_left, value_right, value_middle = values[: left.size], values[1 : left.size + 1], values[left.size + 1 :]
-    integral, doubt = np.zeros(values.shape[1]), np.zeros(values.shape[1])
+    whole = float(np.sum(right - left))
+    value_left, value_middle, value_right = np.split(functions(np.concatenate([left, 0.5 * (left + right), right])), 3)
+    integral, doubt = np.zeros(value_left.shape[1]), np.zeros(value_left.shape[1])
     nodes, weights = [], []
     count = 3 * left.size
     while left.size:
@@ -60,7 +59,7 @@ def integrate_adaptively(functions: Callable[[Real], Real], bounds: Real, tolera
             fl, fr = np.split(functions(np.concatenate([0.5 * (a + middle), 0.5 * (middle + b)])), 2)
             twelfth = ((b - a) / 12.0)[:, None]
             change = np.abs(twelfth * (4.0 * (fl + fr) - fa - fb - 6.0 * fm))
-            share = np.maximum((b - a) / (bounds[-1] - bounds[0]), _LEAST_SHARE)
+            share = np.maximum((b - a) / whole, _LEAST_SHARE)
             done = change.max(axis=1) <= tolerance * share
             if count > _MOST_NODES:
                 done[:] = True

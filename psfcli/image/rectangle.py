@@ -58,18 +58,9 @@ def scattered_in_rectangles(
     )
     halved = point.mirror_symmetric and bool(np.all(rectangles.x_start == -rectangles.x_stop))
     for k in np.flatnonzero(~wide):
-        rays = rays_apart(point, float(how.spacing[k]))
-        if halved:
-            rays = _one_side(rays)
+        rays = rays_apart(point, float(how.spacing[k]), half=halved)
         energy += mixture.weight[k] * _by_rays(rays, float(mixture.variance[k]) ** 0.5, rectangles)
     return energy
-
-
-def _one_side(rays: RayBundle) -> RayBundle:
-    """The rays on one side of a mirror-symmetric bundle, standing for both."""
-    kept = rays.x >= 0.0
-    share = rays.share[kept] * np.where(rays.x[kept] > 0.0, 2.0, 1.0)
-    return RayBundle(share, rays.x[kept], rays.y[kept])
 
 
 def _by_moments(mixture: GaussianMixture, point: GeometricalImage, order: int, rectangles: Rectangles) -> Real:

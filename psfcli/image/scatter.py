@@ -79,7 +79,8 @@ def scattered_light(
     specular_fraction = math.exp(-total_variance)
     if not terms:
         return Halo(GaussianMixture(np.empty(0), np.empty(0)), specular_fraction, reach)
-    share = 0.1 * min(tolerance.pixel, tolerance.ee * 1e1)
+    # energies average the mixture's error over radius: they keep a hundredth of it
+    share = min(0.3 * tolerance.pixel, 10.0 * tolerance.ee)
     step = trapezoid_step(share, max(term.nu for term in terms), total_variance)
     flattest = min(term.nu for term in terms)
     # one-fold light has v = w^2/2t with t gamma-distributed of order nu + 1: nothing lies below t = nu + 60

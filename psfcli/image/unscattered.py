@@ -7,12 +7,12 @@ a corner of the cell, the rim or a fold, so slices are halved where they matter 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.crossings import Pieces, pieces_between
+from psfcli.image.crossings import pieces_between
 from psfcli.image.geometric import GeometricalImage, along_fans, ray_fans
 from psfcli.image.quadrature import integrate_adaptively
 
@@ -20,7 +20,7 @@ Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 Assignment = tuple[Index, Real]  # cells of pieces (-1: none) and the part of each piece's share that lands there
 
-_FEWEST_SLICES = 16  # a multiple of 4: slices end where fans jump from one side of an edge to the other
+_FEWEST_SLICES = 48
 _MOST_FIRST_SLICES = 10_000
 _FANS_AT_ONCE = 2048
 _BUCKETS = 1021  # cells are told apart modulo this when slices are judged
@@ -34,120 +34,120 @@ def unscattered_on_grid(
     A piece on an edge, such as the whole of a perfect image on a pixel corner, is shared by both sides.
     """
     rows, columns = edges_y.size - 1, edges_x.size - 1
-
-    def cells(pieces: Pieces) -> list[Assignment]:
-        return [
-            (
-                np.where(
-                    (row >= 0) & (row < rows) & (column >= 0) & (column < columns), row * columns + column, -1
-                ),
-                row_part * column_part,
-            )
-            for column, column_part in _cells(pieces.x, edges_x)
-            for row, row_part in _cells(pieces.y, edges_y)
-        ]
-
     symmetric = point.mirror_symmetric and np.allclose(edges_x, -edges_x[::-1], rtol=0.0, atol=1e-12)
-    energy, error = _integrated(point, edges_x, edges_y, cells, rows * columns, tolerance, half=symmetric)
-    grid = energy.reshape(rows, columns)
-    return (0.5 * (grid + grid[:, ::-1]) if symmetric else grid), error
+
+    def per_fan(azimuth: Real, modulus: int, power: Real | None = None) -> Real:
+        """The light of each fan per cell modulo ``modulus``; with the ``power`` of each fan, their sum (1, modulus)."""
+        pieces = pieces_between(point.telescope, point.field, azimuth, edges_x, edges_y)
+        fan = pieces.fan if power is None else np.zeros_like(pieces.fan)
+        share = pieces.share if power is None else pieces.share * power[pieces.fan]
+        light = np.zeros((azimuth.size if power is None else 1) * modulus)
+        for column, column_part in _cells(pieces.x, edges_x):
+            for row, row_part in _cells(pieces.y, edges_y):
+                amount = share * (row_part * column_part)
+                lit = (amount > 0.0) & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+                place = fan[lit] * modulus + (row[lit] * columns + column[lit]) % modulus
+                light += np.bincount(place, amount[lit], light.size)
+        return light.reshape(-1, modulus)
+
+    start, stop = _azimuths(point, half=symmetric)
+    bounds = np.linspace(start, stop, _slice_count(tolerance) + 1)
+    modulus = min(rows * columns, _BUCKETS)
+    rule = integrate_adaptively(
+        lambda azimuth: per_fan(azimuth, modulus), bounds[:-1], bounds[1:], tolerance * (stop - start)
+    )
+    if modulus == rows * columns:
+        energy = rule.integral
+    else:
+        energy = np.zeros(rows * columns)
+        for first in range(0, rule.node.size, _FANS_AT_ONCE):
+            part = slice(first, first + _FANS_AT_ONCE)
+            energy += per_fan(rule.node[part], energy.size, rule.weight[part])[0]
+    grid = (energy / (stop - start)).reshape(rows, columns)
+    return (0.5 * (grid + grid[:, ::-1]) if symmetric else grid), rule.error / (stop - start)
 
 
 def unscattered_in_boxes(
-    point: GeometricalImage, centre: tuple[float, float], half_width: Real, tolerance: float
+    point: GeometricalImage, centres: Sequence[tuple[float, float]], half_width: Real, tolerance: float
 ) -> tuple[Real, float]:
-    """Fractions of the unscattered light in squares of increasing ``half_width`` [mm] about ``centre``, same shape,
+    """Fractions of the unscattered light in squares of increasing ``half_width`` [mm] about each of the ``centres``,
 
-    and their estimated error.
+    shape [centre, box], and their estimated error.
     """
-
-    def rings(pieces: Pieces) -> list[Assignment]:
-        distance = np.maximum(np.abs(pieces.x - centre[0]), np.abs(pieces.y - centre[1]))
-        return [(np.searchsorted(half_width, distance), np.ones_like(distance))]
-
+    place = np.array(centres)
+    inside = np.ones((len(centres), half_width.size))
+    some = int(np.searchsorted(half_width, _farthest(point, place)))  # boxes beyond hold all
+    half_width = half_width[:some]
+    if some == 0:
+        return inside, 0.0
+    symmetric = point.mirror_symmetric and not np.any(place[:, 0])
+    start, stop = _azimuths(point, half=symmetric)
+    # all centres in one integral: the n-th has its azimuths n strides further on
+    stride = stop - start + 1.0
     edges = np.concatenate([-half_width[::-1], half_width])
-    symmetric = point.mirror_symmetric and centre[0] == 0.0
-    energy, error = _integrated(
-        point,
-        centre[0] + edges,
-        centre[1] + edges,
-        rings,
-        half_width.size + 1,
-        tolerance,
-        half=symmetric,
-        common_centre=centre,
+    rings = half_width.size + 1
+
+    def energy(azimuth: Real) -> Real:
+        """The light of each fan within each box about its centre, shape (azimuths, centres * boxes)."""
+        centre = ((azimuth - start) / stride).astype(np.intp)
+        pieces = pieces_between(
+            point.telescope, point.field, azimuth - stride * centre, edges, edges, place[centre].T
+        )
+        ring = np.searchsorted(half_width, np.maximum(np.abs(pieces.x), np.abs(pieces.y)))
+        light = np.bincount(pieces.fan * rings + ring, pieces.share, azimuth.size * rings).reshape(-1, rings)
+        within = np.zeros((azimuth.size, len(centres), half_width.size))
+        within[np.arange(azimuth.size), centre] = np.cumsum(light, axis=1)[:, :-1]
+        return within.reshape(azimuth.size, -1)
+
+    bounds = [
+        n * stride + _slices_about(point, (float(x), float(y)), start, stop, tolerance) for n, (x, y) in enumerate(place)
+    ]
+    rule = integrate_adaptively(
+        energy,
+        np.concatenate([b[:-1] for b in bounds]),
+        np.concatenate([b[1:] for b in bounds]),
+        tolerance * (stop - start),
     )
-    return np.minimum(energy[:-1], 1.0), error
+    inside[:, :some] = np.minimum(rule.integral.reshape(len(centres), some) / (stop - start), 1.0)
+    return inside, rule.error / (stop - start)
 
 
-def _integrated(
-    point: GeometricalImage,
-    edges_x: Real,
-    edges_y: Real,
-    assign: Callable[[Pieces], list[Assignment]],
-    cells: int,
-    tolerance: float,
-    *,
-    half: bool,
-    common_centre: tuple[float, float] | None = None,
-) -> tuple[Real, float]:
-    """The light in each cell, shape (cells,), integrated over azimuth until ``tolerance`` is met, and its error.
+def _farthest(point: GeometricalImage, centres: Real) -> float:
+    """A half width [mm] at which boxes about any of the ``centres`` hold the whole spot."""
+    spot = point.spot
+    reach_x = np.maximum(spot.x_max - centres[:, 0], centres[:, 0] - spot.x_min)
+    reach_y = np.maximum(spot.y_max - centres[:, 1], centres[:, 1] - spot.y_min)
+    return 1.01 * float(np.maximum(reach_x, reach_y).max())
 
-    ``half``: only the azimuths from pi/2 to 3 pi/2, which stand for the others. With a ``common_centre`` the cells are
-    nested rings about it, few enough to be told apart, and what is integrated is the running sum over them.
+
+def _azimuths(point: GeometricalImage, *, half: bool) -> tuple[float, float]:
+    """The lit azimuths; of an image symmetric in x only those from pi/2 to 3 pi/2, which stand for the others."""
+    if point.telescope.pupil.is_full_annulus:
+        return 0.5 * math.pi, (1.5 if half else 2.5) * math.pi
+    return point.telescope.pupil.sector
+
+
+def _slice_count(tolerance: float) -> int:
+    """Slices so narrow that no fold of the image that just touches an edge is missed by their fans.
+
+    Such a fold, delta wide in azimuth, holds of the order of delta^2. A multiple of 4: slices end where fans jump from
+    one side of an edge to the other.
     """
-
-    def gathered(azimuth: Real, modulus: int) -> Real:
-        """The light of each fan per cell modulo ``modulus``, shape (azimuths, modulus)."""
-        pieces = pieces_between(point.telescope, point.field, azimuth, edges_x, edges_y)
-        light = np.zeros(azimuth.size * modulus)
-        for cell, part in assign(pieces):
-            lit = (cell >= 0) & (part > 0.0)
-            place = pieces.fan[lit] * modulus + cell[lit] % modulus
-            light += np.bincount(place, pieces.share[lit] * part[lit], light.size)
-        return light.reshape(azimuth.size, modulus)
-
-    def judged(azimuth: Real) -> Real:
-        if common_centre is None:
-            return gathered(azimuth, min(cells, _BUCKETS))
-        return np.cumsum(gathered(azimuth, cells), axis=1)
-
-    bounds = _first_slices(point, tolerance, half, common_centre)
-    rule = integrate_adaptively(judged, bounds, tolerance * (bounds[-1] - bounds[0]))
-    total = float(bounds[-1] - bounds[0])
-    if common_centre is not None or cells <= _BUCKETS:
-        return rule.integral / total, rule.error / total
-    energy = np.zeros(cells)
-    for first in range(0, rule.node.size, _FANS_AT_ONCE):
-        part = slice(first, first + _FANS_AT_ONCE)
-        pieces = pieces_between(point.telescope, point.field, rule.node[part], edges_x, edges_y)
-        power = pieces.share * rule.weight[part][pieces.fan] / total
-        for cell, piece_part in assign(pieces):
-            lit = cell >= 0
-            energy += np.bincount(cell[lit], power[lit] * piece_part[lit], cells)
-    return energy, rule.error / total
+    return 4 * math.ceil(0.25 * max(_FEWEST_SLICES, 0.1 / math.sqrt(tolerance)))
 
 
-def _first_slices(
-    point: GeometricalImage, tolerance: float, half: bool, common_centre: tuple[float, float] | None
+def _slices_about(
+    point: GeometricalImage, centre: tuple[float, float], start: float, stop: float, tolerance: float
 ) -> Real:
-    """Bounds of slices narrow enough that no feature worth ``tolerance`` falls between their fans.
+    """Bounds of slices for boxes about a ``centre``, where they shrink to nothing.
 
-    A fold of the image that just touches an edge, delta wide in azimuth, holds of the order of delta^2. Boxes about
-    a centre shrink to nothing there, so slices whose fans pass at a distance d are no wider than d, down to boxes that
-    hold less than the tolerance themselves.
+    Slices whose fans pass at a distance d are no wider there than d, down to boxes that hold less than the tolerance.
     """
-    telescope, field = point.telescope, point.field
-    start, stop = telescope.pupil.sector
-    if telescope.pupil.is_full_annulus:
-        start, stop = 0.5 * math.pi, (1.5 if half else 2.5) * math.pi
-    bounds = np.linspace(start, stop, 1 + 4 * math.ceil(0.25 * max(_FEWEST_SLICES, 0.1 / math.sqrt(tolerance))))
-    if common_centre is None:
-        return bounds
-    rho = np.linspace(telescope.pupil.obscuration, 1.0, 33)
+    bounds = np.linspace(start, stop, _slice_count(tolerance) + 1)
+    rho = np.linspace(point.telescope.pupil.obscuration, 1.0, 33)
     while True:
-        fans_x, fans_y = ray_fans(telescope, field, bounds)
-        x, y = along_fans(fans_x, rho) - common_centre[0], along_fans(fans_y, rho) - common_centre[1]
+        fans_x, fans_y = ray_fans(point.telescope, point.field, bounds)
+        x, y = along_fans(fans_x, rho) - centre[0], along_fans(fans_y, rho) - centre[1]
         distance = np.hypot(x, y)
         hop = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).max(axis=0)
         near = np.maximum(distance.min(axis=0) - 0.5 * hop, math.sqrt(tolerance) * distance.max())
