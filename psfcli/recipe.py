@@ -18,6 +18,7 @@ from psfcli.planning.plan import Plan, plan_scene
 from psfcli.products.arrays import Result, gather
 from psfcli.products.header import RunHeader
 from psfcli.products.writer import FORMATS, ProductWriter
+from psfcli.surface.mixture import MixtureError
 from psfcli.tolerance import Tolerance
 
 if TYPE_CHECKING:
@@ -108,7 +109,10 @@ def trials(scene: Plan, wavelength_index: int, field_indices: Sequence[int]) -> 
 
 
 def _scatter(scene: Plan, w: int) -> WavelengthScatter:
-    return wavelength_scatter(scene.surfaces, scene.telescope, scene.wavelengths[w], scene.reach, scene.tolerance)
+    try:
+        return wavelength_scatter(scene.surfaces, scene.telescope, scene.wavelengths[w], scene.reach, scene.tolerance)
+    except MixtureError as error:
+        raise SceneError(f"at {1e6 * scene.wavelengths[w]:.6g} nm: {error}") from error
 
 
 def _image(scene: Plan, scatter: WavelengthScatter, field_index: int) -> FieldImage:
@@ -173,12 +177,12 @@ def write(
 ) -> Outcome:
     """Compute the system and write its products into ``directory``; ``progress(done, total)`` is called per image.
 
-    Raises OutputError when the products cannot be written, SceneTooLarge when they need more than ``max_memory`` bytes.
+    Raises OutputError when the products cannot be written, SceneError when they need more than ``max_memory`` bytes.
     """
     started = time.perf_counter()
     scene = plan(system, with_cube=formats_with_cube(formats), jobs=jobs)
     if scene.memory > max_memory:
-        raise SceneTooLarge(
+        raise SceneError(
             f"the run needs {scene.memory:.3g} bytes of memory and may use {max_memory:.3g}; "
             "fewer pixels, a smaller oversample, fewer jobs or a larger --max-memory would do"
         )
@@ -199,5 +203,5 @@ def formats_with_cube(formats: Sequence[str]) -> bool:
     return bool({"fits", "exr"} & set(formats))
 
 
-class SceneTooLarge(Exception):
-    """A scene that needs more memory than it may use; the message is one line for the user."""
+class SceneError(Exception):
+    """A scene that cannot be computed, for want of memory or of a method; the message is one line for the user."""

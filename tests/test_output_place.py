@@ -188,6 +188,27 @@ except OutputError as fault:
     assert contents(tmp_path) == old
 
 
+@pytest.mark.parametrize("lacking", [1, 100, 3000])
+def test_an_exr_file_without_its_end_is_told(tmp_path, lacking):
+    write_run(tmp_path / "whole", run_header(), ("exr",))
+    limit = (tmp_path / "whole" / "psf.exr").stat().st_size - lacking
+    write_run(tmp_path / "out", run_header(title="old"), ("exr",))
+    old = contents(tmp_path / "out")
+    script = f"""
+import resource
+from psfcli.products import OutputError
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+try:
+    write_run(out, run_header(), ("exr",), overwrite=True)
+except OutputError as fault:
+    print(fault)
+"""
+    told, trouble = run_script(script, tmp_path / "out").communicate()
+    assert "file-size limit" in told, trouble
+    assert told.count("\n") == 1
+    assert contents(tmp_path / "out") == old
+
+
 @pytest.fixture
 def small_disk(tmp_path):
     mounted = tmp_path / "disk"

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
 
 import numpy as np
 import OpenEXR
@@ -81,3 +84,15 @@ def test_what_float32_cannot_hold_is_said(tmp_path):
 
 def test_nothing_is_said_when_all_fits(tmp_path):
     assert write_run(tmp_path, run_header()).notes == ()
+
+
+def test_openexr_is_loaded_only_when_asked_for(tmp_path):
+    script = "import sys; from product_scenes import *; write_run(Path(sys.argv[1]), run_header(), ('fits', 'csv')); "
+    done = subprocess.run(
+        [sys.executable, "-c", f"from pathlib import Path; {script} print('OpenEXR' in sys.modules)", str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "False\n"

@@ -65,7 +65,7 @@ def _told(error: Exception) -> int | None:
     if isinstance(error, OutputError):
         click.echo(str(error), err=True)
         return 4
-    if "psfcli.recipe" in sys.modules and isinstance(error, sys.modules["psfcli.recipe"].SceneTooLarge):
+    if "psfcli.recipe" in sys.modules and isinstance(error, sys.modules["psfcli.recipe"].SceneError):
         click.echo(str(error), err=True)
         return 1
     return None

@@ -56,5 +56,7 @@ def ensquared_energy(
         for centre, inside in zip(distinct, unscattered, strict=True):
             energy[centre] = shares[centre] + halo.specular_fraction * inside
         error *= halo.specular_fraction
-    about = [energy[centre] for centre in centres]
-    return EnsquaredEnergy(half_width, *about, unaberrated_energy(halo, half_width)), shares[centres[0]], error
+    # a box that holds all may come out above 1 by the error allowed
+    ee, chief, centroid = (np.minimum(energy[centre], 1.0) for centre in centres)
+    unaberrated = np.minimum(unaberrated_energy(halo, half_width), 1.0)
+    return EnsquaredEnergy(half_width, ee, chief, centroid, unaberrated), shares[centres[0]], error

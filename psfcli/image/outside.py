@@ -75,7 +75,10 @@ def encircled_energy(surfaces: Sequence[Surface], telescope: Telescope, waveleng
         separation = wavelength * telescope.magnified_distance(surface.marginal_height) * np.exp(log_q)
         exponent += np.minimum(0.0, transfer_exponent(separation, surface, wavelength))
     total_variance = sum(phase_variance(surface, wavelength) for surface in surfaces)
-    h = math.exp(-total_variance) * np.expm1(np.maximum(exponent + total_variance, 0.0))
+    if total_variance < 1.0:
+        h = math.exp(-total_variance) * np.expm1(np.maximum(exponent + total_variance, 0.0))  # to full relative accuracy however smooth the surfaces
+    else:
+        h = np.exp(exponent) - math.exp(-total_variance)
     offset = fft.fhtoffset(step, mu=1.0, bias=-0.5)
     energy = fft.fht(h, step, mu=1.0, offset=offset, bias=-0.5)
     # fht's output is at k = exp(offset)/q, reversed, and k = 2 pi R

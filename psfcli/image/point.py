@@ -64,6 +64,7 @@ def field_image(
     boxes = Rectangles.squares((0.0, 0.0), half_width[judged_boxes])
     truth = scattered_in_rectangles(point, scatter.finer.mixture, boxes, Tolerance(1.0, tolerance.ee / _REFINEMENT))
     ee_error += float(np.max(np.abs(scattered[judged_boxes] - truth), initial=0.0))
+    outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
     psf = psf_over = None
     pixel_error = 0.0
     if with_cube:
@@ -75,12 +76,14 @@ def field_image(
         n, m = detector.pixels, detector.oversample
         psf = fine if m == 1 else fine.reshape(n, m, n, m).sum(axis=(1, 3))
         psf_over = None if m == 1 else fine
+        # inside and outside come by different roads: what they lack together is an error of one of them
+        ee_error = max(ee_error, abs(1.0 - outside - float(psf.sum())))
     return FieldImage(
         psf=psf,
         psf_over=psf_over,
         spot=point.spot,
         ensquared=ensquared,
-        power_outside=outside_window(point, halo, scatter.encircled, detector, tolerance),
+        power_outside=outside,
         reached=Tolerance(pixel_error, ee_error),
     )
 

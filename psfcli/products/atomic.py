@@ -8,10 +8,13 @@ import hashlib
 import os
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from mmap import ACCESS_READ, mmap
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+    from concurrent.futures import Future
     from pathlib import Path
 
 TEMPORARY = ".psfcli-unfinished-"
@@ -65,6 +68,9 @@ class Stage:
         self.directory = directory
         self._made = [p for p in (directory, *directory.parents) if not p.exists()]
         self._streams: dict[str, BinaryIO] = {}
+        self._scratch: list[BinaryIO] = []
+        self._sealed: dict[str, Future[str] | None] = {}
+        self._threads = ThreadPoolExecutor()
         directory.mkdir(parents=True, exist_ok=True)
         self._lock = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
         _locks.add(self._lock)
@@ -81,23 +87,33 @@ class Stage:
         """Where the temporary of product ``name`` lies."""
         return self.directory / f"{TEMPORARY}{name}"
 
+    def announce(self, name: str) -> Path:
+        """Where the temporary of product ``name`` has to be when it is sealed."""
+        self._sealed[name] = None
+        return self.path(name)
+
     def open(self, name: str) -> BinaryIO:
         """A new temporary of product ``name``, to be written and read; ``seal`` or ``close`` closes it."""
-        stream = self._streams[name] = self.path(name).open("w+b")
+        stream = self._streams[name] = self.announce(name).open("w+b")
         return stream
 
-    def seal(self) -> dict[str, str]:
-        """The sha256 of each staged product by name; all their bytes are on the disk when this returns."""
-        for stream in self._streams.values():
-            stream.close()
-        paths = [self.path(name) for name in self._streams]
-        # the disk writes one file while another is hashed; both leave Python's lock
-        with ThreadPoolExecutor() as pool:
-            written = [pool.submit(_synchronise, path) for path in paths]
-            digests = dict(zip(self._streams, pool.map(_sha256, paths), strict=True))
-            for task in written:
-                task.result()
-        return digests
+    def scratch(self) -> BinaryIO:
+        """A file without a name, to be written and read; gone with the stage or with a kill."""
+        stream = TemporaryFile(dir=self.directory)  # noqa: SIM115 - closed with the stage
+        self._scratch.append(stream)
+        return stream
+
+    def seal(self, name: str) -> None:
+        """Put product ``name`` on the disk and hash it, while other work goes on; both leave Python's lock."""
+        if name in self._streams:
+            self._streams.pop(name).close()
+        self._sealed[name] = self._threads.submit(_synchronised_sha256, self.path(name))
+
+    def digests(self) -> dict[str, str]:
+        """The sha256 of each product by name, as announced; all their bytes are on the disk when this returns."""
+        for name in list(self._streams):
+            self.seal(name)
+        return {name: task.result() for name, task in self._sealed.items() if task is not None}
 
     def commit(self, last: str, content: bytes, obsolete: Iterable[str] = ()) -> None:
         """Put every sealed product in its place, remove the ``obsolete`` files, and write the file ``last``.
@@ -105,9 +121,8 @@ class Stage:
         The old ``last`` goes before anything else changes and the new one comes after everything else, so its
         presence says that the directory is whole.
         """
-        names = list(self._streams)
-        with self.open(last) as stream:
-            stream.write(content)
+        names = list(self._sealed)
+        self.path(last).write_bytes(content)
         _synchronise(self.path(last))
         (self.directory / last).unlink(missing_ok=True)
         os.fsync(self._lock)
@@ -121,7 +136,8 @@ class Stage:
 
     def close(self) -> None:
         """Let other runs in; what was not committed is removed, with the directories made for it."""
-        for stream in self._streams.values():
+        self._threads.shutdown(cancel_futures=True)
+        for stream in (*self._streams.values(), *self._scratch):
             with suppress(OSError):  # closing flushes once more, and fails again where writing failed
                 stream.close()
         with suppress(OSError):
@@ -149,6 +165,8 @@ def _synchronise(path: Path) -> None:
         os.close(descriptor)
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def _synchronised_sha256(path: Path) -> str:
+    _synchronise(path)
+    # in one call: every call that returns to Python waits for its lock
+    with path.open("rb") as stream, mmap(stream.fileno(), 0, access=ACCESS_READ) as content:
+        return hashlib.sha256(content).hexdigest()

@@ -47,6 +47,8 @@ class FitsProduct:
         self._cubes: list[_Cube] = []
         self._end = self._stream.write(_with_checksums(primary_header(header), 0))
         scales = sorted({1, header.detector.oversample})
+        edges = {scale: header.detector.pixels * scale for scale in scales}
+        self._swapped = {scale: np.empty((edge, edge), ">f8") for scale, edge in edges.items()}
         for wavelength_index in range(len(header.wavelengths)):
             for oversample in scales:
                 self._lay_out(wavelength_index, oversample)
@@ -71,7 +73,10 @@ class FitsProduct:
         native = np.ascontiguousarray(plane, dtype=np.float64)
         cube.words += word_sum(native)
         self._stream.seek(cube.data_at + field_index * cube.plane_size)
-        self._stream.write(_big_endian(native).data)
+        # into an array made once: a new one for each plane would cost more than the swap
+        swapped = self._swapped[cube.oversample]
+        swapped[...] = native
+        self._stream.write(swapped.view(np.uint8).data)
 
     def finish(self, summaries: Sequence[ImageSummary], ensquared: Iterable[NDArray[np.float64]]) -> None:
         """Write all headers and, behind the cubes, the tables; ``ensquared`` are the blocks of the EE table."""
@@ -87,7 +92,7 @@ class FitsProduct:
         self._stream.seek(self._end)
         blocks = list(ensquared)
         self._append(*_parts(*fields_table(self._header, summaries)))
-        self._append(ensquared_header(self._header, sum(map(len, blocks))), [_big_endian(b).tobytes() for b in blocks])
+        self._append(ensquared_header(self._header, sum(map(len, blocks))), [b.astype(">f8").tobytes() for b in blocks])
         self._append(*_parts(*surfaces_table(self._header)))
         self._append(*_parts(*config_image(self._header)))
 
@@ -102,11 +107,6 @@ class FitsProduct:
 
 def _parts(cards: fits.Header, data: NDArray[np.generic]) -> tuple[fits.Header, list[bytes]]:
     return cards, [data.tobytes()]
-
-
-def _big_endian(native: NDArray[np.float64]) -> NDArray[np.float64]:
-    # byteswap is six times as fast as astype(">f8") and gives the same bytes
-    return native.byteswap() if np.little_endian else native
 
 
 def _padded(size: int) -> int:

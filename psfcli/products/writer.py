@@ -85,7 +85,7 @@ class ProductWriter:
         free = shutil.disk_usage(self._directory).free
         if needed > free:
             raise OutputError(f"{self._directory}: the products need {needed:.3g} bytes, the disk has {free:.3g} free")
-        # imported where asked for: astropy.io.fits takes as long to load as a small run
+        # imported where asked for: astropy.io.fits and OpenEXR take as long to load as a small run
         if "fits" in self._formats:
             from psfcli.products.fits import FitsProduct
 
@@ -98,7 +98,8 @@ class ProductWriter:
     def _cube_bytes(self) -> int:
         detector = self._header.detector
         values = sum((detector.pixels * scale) ** 2 for scale in {1, detector.oversample})
-        each = 8 * ("fits" in self._formats) + 4 * ("exr" in self._formats)
+        # exr: float32, and the same again until a file is whole
+        each = 8 * ("fits" in self._formats) + 2 * 4 * ("exr" in self._formats)
         return each * values * len(self._header.fields) * len(self._header.wavelengths)
 
     def _finish(self) -> None:
@@ -111,12 +112,13 @@ class ProductWriter:
         ensquared = ensquared_rows(self._header, self._summaries)
         if self._fits is not None:
             self._fits.finish(self._summaries, ensquared)
+            self._stage.seal(FITS)
         if self._exr is not None:
             note = self._exr.finish()
             self.notes = (note,) if note else ()
         if "csv" in self._formats:
             write_csv(self._stage.open(EE_TABLE), ensquared)
-        digests = self._stage.seal()
+        digests = self._stage.digests()
         names = [*digests, MANIFEST]
         obsolete = [name for name in products_in(self._directory) if name not in names]
         self._stage.commit(MANIFEST, manifest(self._header, digests, self.timings), obsolete)

@@ -7,14 +7,19 @@ follow from that.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy import special
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+_LOG_HUGE = 600.0
 _GAMMA_STEP = 0.3  # exp(-pi^2/0.3) = 5e-15
+_DEBYE_ORDER = 25.0  # from this nu on, Debye's expansion is good to 1e-13 where K_nu itself may overflow
 _TINY = 1e-150  # below this |u|, rho is 1 to the last bit and K_nu would overflow
 
 
@@ -62,15 +67,19 @@ def _decorrelation_near(u: Real, nu: float) -> Real:
 
 def _autocovariance_far(u: Real, nu: float) -> Real:
     z = np.minimum(u, 1e6)  # K_nu gives up beyond 1e9; rho is 0 long before
+    if nu > _DEBYE_ORDER:
+        return _by_debye(z.astype(np.complex128), nu).real
     with np.errstate(over="ignore", under="ignore"):
         rho: Real = np.exp(_log_prefactor(nu) + nu * np.log(z) + np.log(special.kve(nu, z)) - z)
     return rho
 
 
 def autocovariance_off_axis(u: Complex, nu: float) -> Complex:
-    """rho(u) for complex u with Re u > 0, same shape, from K_nu of complex argument."""
+    """rho(u) for complex u with Re u > 0, same shape."""
     inside = np.abs(u) > _TINY
     z = np.where(inside, u, 1.0)
+    if nu > _DEBYE_ORDER:
+        return np.where(inside, _by_debye(z, nu), 1.0)
     value = np.exp(_log_prefactor(nu)) * z**nu * special.kv(nu, z)
     return np.where(inside, value, 1.0)
 
@@ -79,9 +88,32 @@ def autocovariance_on_cut(x: Real, nu: float) -> tuple[Real, Real]:
     """Real and imaginary part of rho(i x) for x > 0, each with its own full relative accuracy.
 
     rho(i x) = -(pi/2) 2^(1-nu)/Gamma(nu) x^nu [Y_nu(x) + i J_nu(x)]. The imaginary part, of order x^(2 nu), is what
-    the far wing of the scatter is made of; taken from J_nu alone it loses nothing to the real part.
+    the far wing of the scatter is made of; taken from J_nu alone it loses nothing to the real part. Where Y_nu
+    overflows, the real part is that of exp(x^2/4 nu), the Gaussian limit.
     """
-    scale = -0.5 * np.pi * np.exp(_log_prefactor(nu) + nu * np.log(x))
-    small = x < _TINY
-    real = np.where(small, 1.0, scale * special.yv(nu, np.where(small, 1.0, x)))
-    return real, scale * special.jv(nu, x)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        scale = -0.5 * np.pi * np.exp(_log_prefactor(nu) + nu * np.log(x))
+        real = scale * special.yv(nu, x)
+        imaginary = scale * special.jv(nu, x)
+    usable = np.isfinite(real) & (x > _TINY)
+    limit = np.exp(np.minimum(x**2 / (4.0 * nu), _LOG_HUGE))
+    return np.where(usable, real, limit), np.where(np.isfinite(imaginary), imaginary, 0.0)
+
+
+def _by_debye(u: Complex, nu: float) -> Complex:
+    """rho(u) by Debye's uniform expansion of K_nu(nu z) in powers of 1/nu, z = u/nu (DLMF 10.41.4)."""
+    z = u / nu
+    root = np.sqrt(1.0 + z * z)
+    log_k = -nu * (root + np.log(z / (1.0 + root))) - 0.5 * np.log(root) + 0.5 * np.log(0.5 * np.pi / nu)
+    p = 1.0 / root
+    series = sum(poly(p) * (-1.0 / nu) ** k for k, poly in enumerate(_debye_polynomials()))
+    return np.exp(_log_prefactor(nu) + nu * np.log(u) + log_k) * series
+
+
+@cache
+def _debye_polynomials() -> tuple[Polynomial, ...]:
+    """U_0 to U_8 of Debye's expansion, by their recurrence (DLMF 10.41.9)."""
+    U = [Polynomial([1.0])]
+    for _ in range(8):
+        U.append(Polynomial([0.0, 0.0, 0.5, 0.0, -0.5]) * U[-1].deriv() + (Polynomial([1.0, 0.0, -5.0]) * U[-1]).integ() / 8.0)
+    return tuple(U)

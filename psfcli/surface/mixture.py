@@ -33,6 +33,7 @@ Real = NDArray[np.float64]
 
 _CORE_ANGLE = 2.0 * math.pi / 3.0
 _RAY_STEP = 0.1  # trapezoid step in ln tau: exp(-2 pi (pi/6)/0.1) = 5e-15 on the core ray
+_LARGEST_VARIANCE = 1000.0
 _LOG_HUGE = 600.0  # on the cut h may grow without bound, far beyond where exp(-w) lets it count
 _LOG_MIN = math.log(1e-17)  # w below which a constant h has nothing left to say
 
@@ -71,8 +72,10 @@ def trapezoid_error(step: float, nu: float, total_variance: float) -> float:
     is no narrower in ln v than order n nu. Averaged over Poisson(n; G).
     """
     omega = 2.0 * math.pi / step
-    n = np.arange(1.0, 10.0 + total_variance + 10.0 * math.sqrt(total_variance))
-    poisson = np.exp(n * math.log(total_variance) - special.gammaln(n + 1.0))
+    spread = 10.0 + 10.0 * math.sqrt(total_variance)
+    n = np.unique(np.linspace(max(1.0, total_variance - spread), total_variance + spread, 200).astype(int))
+    log_poisson = n * math.log(total_variance) - special.gammaln(n + 1.0)
+    poisson = np.exp(log_poisson - log_poisson.max())
     p = n * nu + 1.0
     alias = 2.0 * np.exp(special.loggamma(p + 1j * omega).real - special.gammaln(p))
     return float(np.average(alias, weights=poisson))
@@ -87,18 +90,34 @@ def trapezoid_step(error: float, nu: float, total_variance: float) -> float:
     return low
 
 
+class MixtureError(ArithmeticError):
+    """A scatter whose mixing density the two rays do not resolve: very large C, or g of many thousands."""
+
+
 def mixing_density(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -> Real:
     """c(v) [per unit of ln v] at increasing variances ``v`` [mm^2], same shape; ``total_variance`` is G.
 
-    Valid for nu from 0.005 to about 20 and G up to some tens; outside, ``GaussianMixture.density`` must be
-    checked by refinement.
+    Valid for nu from 0.0005 to about 8 (C up to 17) and G up to some thousands. Raises MixtureError where the density
+    is not finite or holds more light than is scattered: c is then a difference of huge numbers.
     """
-    core = _on_core_ray(v, terms, total_variance)
-    wing = _on_cut(v, terms, total_variance)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    highest = max(term.nu for term in terms)
+    fault = MixtureError(
+        f"scatter with C = {1.0 + 2.0 * highest:.6g} and a total phase variance of {total_variance:.4g} is beyond "
+        f"what the mixture of Gaussians resolves (C up to 17, phase variances up to {_LARGEST_VARIANCE:g})"
+    )
+    if total_variance > _LARGEST_VARIANCE:
+        raise fault
+    with np.errstate(all="ignore"):
+        core = _on_core_ray(v, terms, total_variance)
+        wing = _on_cut(v, terms, total_variance)
         disagreement = np.abs(core / wing - 1.0)
     switch = int(np.argmin(np.where(np.isfinite(disagreement), disagreement, np.inf)))
-    return np.maximum(np.where(np.arange(v.size) < switch, core, wing), 0.0)
+    density = np.maximum(np.where(np.arange(v.size) < switch, core, wing), 0.0)
+    beyond = sum(term.phase_variance for term in terms) - total_variance
+    light = math.exp(min(beyond, _LOG_HUGE)) - math.exp(-total_variance)
+    if not np.trapezoid(density, np.log(v)) < 1.1 * light:
+        raise fault
+    return density
 
 
 def _ray(v: Real, log_end: float) -> Real:
@@ -109,12 +128,20 @@ def _on_core_ray(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -
     turn = complex(math.cos(_CORE_ANGLE), math.sin(_CORE_ANGLE))
     tau = _ray(v, math.log(40.0 / -turn.real))
     q = np.sqrt(tau * turn / (2.0 * math.pi**2))
-    exponent = np.full(tau.shape, -total_variance, dtype=np.complex128)
+    exponent = np.zeros(tau.shape, dtype=np.complex128)
     for term in terms:
         exponent += term.phase_variance * autocovariance_off_axis(2.0 * math.pi * term.width * q, term.nu)
-    h = np.exp(exponent) - math.exp(-total_variance)
+    h = _scattered_share(exponent, total_variance)
     w = np.multiply.outer(v, tau * turn)
     return (np.exp(w) * w).dot(h).imag * (_RAY_STEP / math.pi)
+
+
+def _scattered_share(exponent: NDArray[np.complex128], total_variance: float) -> NDArray[np.complex128]:
+    """exp(-G) [exp(x) - 1], neither losing digits for small x nor overflowing for large G."""
+    exponent = np.where(exponent.real < _LOG_HUGE + total_variance, exponent, 0.0)
+    if total_variance < 1.0:
+        return math.exp(-total_variance) * np.expm1(exponent)
+    return np.exp(exponent - total_variance) - math.exp(-total_variance)
 
 
 def _on_cut(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -> Real:

@@ -25,7 +25,7 @@ CHUNK = 1 << 19
 
 def _spatial_frequencies(rng: np.random.Generator, wavelength: float, surface: RoughSurface, count: int) -> np.ndarray:
     """``count`` draws of |f| < 1/lambda [cycles/mm] from the sum of the surface's terms."""
-    floors = [math.exp(0.5 * (1.0 - t.C) * math.log1p((t.B / wavelength) ** 2)) for t in surface.terms]
+    floors = surface.beyond(wavelength)
     share = np.array([t.sigma**2 * (1.0 - floor) for t, floor in zip(surface.terms, floors, strict=True)])
     which = rng.choice(len(share), size=count, p=share / share.sum())
     f = np.empty(count)

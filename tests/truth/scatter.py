@@ -30,8 +30,7 @@ def surface_exponent(wavelength: float, surface: RoughSurface, q: np.ndarray) ->
     q.
     """
     total = np.zeros_like(np.asarray(q, float))
-    for t in surface.terms:
-        beyond = math.exp(0.5 * (1.0 - t.C) * math.log1p((t.B / wavelength) ** 2))
+    for t, beyond in zip(surface.terms, surface.beyond(wavelength), strict=True):
         u = 2.0 * np.pi * wavelength * surface.d * np.asarray(q, float) / t.B
         total += (surface.K * t.sigma) ** 2 * (beyond - decorrelation(u, 0.5 * (t.C - 1.0)))
     return total

@@ -16,18 +16,28 @@ class Term(NamedTuple):
 
 
 class RoughSurface(NamedTuple):
-    """A surface's phase factor K = 2 pi (cos_i + cos_s)/lambda [rad/mm], its d_j [mm] and its terms, which add."""
+    """A surface's phase factor K = 2 pi (cos_i + cos_s)/lambda [rad/mm], its d_j [mm] and its terms, which add.
+
+    ``index`` n' of the medium the light goes on in: roughness below n'/lambda scatters.
+    """
 
     K: float
     d: float
     terms: tuple[Term, ...]
+    index: float = 1.0
+
+    def beyond(self, wavelength: float) -> list[float]:
+        """[1 + (B n'/lambda)^2]^((1-C)/2) per term: the share of its variance beyond the horizon."""
+        return [
+            math.exp(0.5 * (1.0 - t.C) * math.log1p((t.B * self.index / wavelength) ** 2)) for t in self.terms
+        ]
 
 
 @dataclass(frozen=True)
 class TruthSystem:
     """A telescope with rough surfaces, at one wavelength and one field point.
 
-    ``wavelength`` [mm]; ``surfaces``: ((K, d, ((sigma, B, C), ...)), ...), see ``RoughSurface`` and ``Term``;
+    ``wavelength`` [mm]; ``surfaces``: ((K, d, ((sigma, B, C), ...)), ...) with or without an index at the end, see ``RoughSurface`` and ``Term``;
     ``image_slope`` u' [1]; ``obscuration`` the annulus' inner radius; ``seidel``: any of W020, W040, W131, W222, W220,
     W311 as lengths [mm] at the rim and H = 1; ``field`` the normalised field vector (H_x, H_y), or a number for
     (0, H). Smooth surfaces, and those at an image (d = 0, whose scatter falls on the specular image), are dropped;
@@ -46,7 +56,7 @@ class TruthSystem:
         unknown = set(self.seidel) - {"W020", "W040", "W131", "W222", "W220", "W311"}
         if unknown:
             raise ValueError(f"no such Seidel terms: {sorted(unknown)}")
-        named = (RoughSurface(K, d, tuple(Term(*map(float, t)) for t in terms)) for K, d, terms in self.surfaces)
+        named = (RoughSurface(K, d, tuple(Term(*map(float, t)) for t in terms), *n) for K, d, terms, *n in self.surfaces)
         rough = tuple(s for s in named if s.d > 0.0 and any(t.sigma > 0.0 for t in s.terms))
         object.__setattr__(self, "surfaces", rough)
         if not isinstance(self.field, tuple):
@@ -63,9 +73,10 @@ def mirror(wavelength: float, d: float, *terms: tuple[float, float, float]) -> R
 
 
 def phase_variance(wavelength: float, surface: RoughSurface) -> float:
-    """g = K^2 sigma_rel^2, sigma_rel^2 = sum sigma^2 {1 - [1 + (B/lambda)^2]^((1-C)/2)}: the part below 1/lambda."""
+    """g = K^2 sigma_rel^2, sigma_rel^2 = sum sigma^2 {1 - [1 + (B n'/lambda)^2]^((1-C)/2)}: the part below n'/lambda."""
     return surface.K**2 * math.fsum(
-        t.sigma**2 * -math.expm1(0.5 * (1.0 - t.C) * math.log1p((t.B / wavelength) ** 2)) for t in surface.terms
+        t.sigma**2 * -math.expm1(0.5 * (1.0 - t.C) * math.log1p((t.B * surface.index / wavelength) ** 2))
+        for t in surface.terms
     )
 
 

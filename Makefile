@@ -1,0 +1,90 @@
+# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, clean.
+# All of them install what they need into $(VENV); nothing but Python 3.11 or later with venv is asked of the machine.
+
+PYTHON ?= python3
+VENV ?= .venv
+CONFIG ?= configs/euv_two_mirror.yaml
+STEM = $(basename $(notdir $(CONFIG)))
+OUTPUT ?= $(STEM)_psf
+PYTEST_ARGS ?= -n auto --maxprocesses 8
+
+# an interpreter of another version gets a new environment
+PYTHON_VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+READY := $(VENV)/.python-$(PYTHON_VERSION)
+INSTALLED := $(VENV)/.installed
+INSTALLED_ALL := $(VENV)/.installed-all
+PIP_INSTALL = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+
+# make sweep: the field angles, their unit, further options of psfcli run, and the command itself
+FIELDS ?= 0 0.1 0.2 0.3 0.4 0.5
+FIELD_UNIT ?= deg
+SWEEP_ARGS ?=
+SWEEP := sweep/$(STEM)
+SWEEP_FIELDS := $(sort $(FIELDS))
+SWEPT := $(SWEEP_FIELDS:%=$(SWEEP)/field_%/manifest.json)
+ifeq ($(origin PSFCLI), undefined)
+PSFCLI := $(VENV)/bin/psfcli
+SWEEP_NEEDS := $(INSTALLED)
+endif
+
+.PHONY: run test lint golden golden-update sweep bench clean always
+.DELETE_ON_ERROR:
+.SUFFIXES:
+
+run: $(INSTALLED)
+	$(VENV)/bin/psfcli run $(CONFIG) --output $(OUTPUT) --overwrite
+	@echo "The products are in $(OUTPUT)/"
+
+test: $(INSTALLED_ALL)
+	$(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+
+lint: $(INSTALLED_ALL)
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/mypy
+
+golden: $(INSTALLED)
+	$(VENV)/bin/python scripts/golden.py check
+
+golden-update: $(INSTALLED)
+	$(VENV)/bin/python scripts/golden.py update
+
+bench: $(INSTALLED_ALL)
+	$(VENV)/bin/python scripts/bench.py
+
+# One directory per angle, done when its manifest stands and is younger than the request; then one table of them all.
+sweep: $(SWEPT)
+	@$(PYTHON) scripts/sweep_merge.py $(SWEEP)/ee.csv $(SWEPT:manifest.json=ee.csv)
+	@echo "The table of $(words $(SWEPT)) angles is $(SWEEP)/ee.csv"
+
+$(SWEEP)/field_%/manifest.json: $(SWEEP)/request
+	@echo "$(STEM): field $* $(FIELD_UNIT)"
+	@$(PSFCLI) run $(CONFIG) --field="$* $(FIELD_UNIT)" --output $(@D) --overwrite --jobs 1 --quiet $(SWEEP_ARGS) >/dev/null
+
+# what every angle was computed from: it changes, and makes all angles old, only when its content does
+$(SWEEP)/request: always | $(SWEEP_NEEDS)
+	@mkdir -p $(@D)
+	@{ $(PSFCLI) --version && echo '$(subst ','\'',$(FIELD_UNIT) $(SWEEP_ARGS))' && cat $(CONFIG); } >$@.new
+	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
+
+$(READY):
+	@test -n "$(PYTHON_VERSION)" || { echo "psfcli needs Python 3.11 or later, and $(PYTHON) does not run; say make PYTHON=..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	{ echo "psfcli needs Python 3.11 or later; $(PYTHON) is $(PYTHON_VERSION); say make PYTHON=..." >&2; exit 1; }
+	rm -rf $(VENV)
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+$(INSTALLED): $(READY) pyproject.toml constraints.txt
+	$(PIP_INSTALL) --editable .
+	@touch $@
+
+$(INSTALLED_ALL): $(INSTALLED)
+	$(PIP_INSTALL) --editable '.[plot,test,lint]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) sweep build dist *.egg-info *_psf .mypy_cache .pytest_cache .ruff_cache
+	find psfcli scripts tests -name __pycache__ -prune -exec rm -rf {} +
+
+always:
