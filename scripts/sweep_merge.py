@@ -6,7 +6,6 @@ Usage: python sweep_merge.py MERGED.csv PART.csv ...
 from __future__ import annotations
 
 import csv
-import os
 import sys
 from pathlib import Path
 
@@ -40,7 +39,7 @@ def main(target: Path, parts: list[Path]) -> None:
     temporary = target.with_name(target.name + ".new")
     with temporary.open("w", newline="", encoding="utf-8") as stream:
         csv.writer(stream, lineterminator="\n").writerows(merged(parts))
-    os.replace(temporary, target)
+    temporary.replace(target)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The scattered light S(r) of the product against the judge's: core, wing and horizon, far below what a sum would see."""
+"""The scattered light S(r) of the product against the judge's: core, wing and horizon."""
 
 import functools
 

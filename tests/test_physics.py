@@ -262,9 +262,10 @@ def test_signs_of_distortion_coma_and_defocus():
     field = Field(HALF_DEGREE)
     assert PAPER.relative_field(field) == (0.0, 1.0)  # +y: where the Gaussian image goes as the field grows
     outwards = spot_statistics(only(W311=-WAVELENGTH), field)
-    assert outwards.chief_y > 0.0 == outwards.rms_y  # W311 < 0 moves the whole image away from the axis
+    assert outwards.y_min == outwards.y_max > 0.0  # W311 < 0 moves the whole image away from the axis
     coma = spot_statistics(only(W131=-WAVELENGTH), field)
-    assert coma.y_min > 0.0 == coma.chief_y  # W131 < 0: the tail points away from the axis (obscured: clear of the tip)
+    assert coma.y_min > 0.0  # W131 < 0: the tail points away from the axis
+    assert coma.chief_y == 0.0  # where its tip is; the obscuration keeps the light off it
     top = ray_fans(only(W020=-WAVELENGTH), field, np.array([math.pi / 2.0]))[1]
     assert top[1, 0] > 0.0  # W020 < 0: inside focus the top of the pupil still lands on top
 
@@ -284,20 +285,27 @@ def test_negative_fields_mirror_and_azimuths_turn_the_image():
 # -- the image: how much lies outside, and limits
 
 
-@pytest.mark.parametrize(("pixels", "outside"), [(16, 0.3265), (4, 0.544)])
-def test_a_third_of_the_light_is_outside_sixteen_pixels_when_C_is_1_5(pixels, outside):
-    image = imaged(PAPER, two_mirrors(1.5), HALF_DEGREE, pixels, accuracy=Tolerance(1e-3, 1e-6))
-    assert image.power_outside == pytest.approx(outside, abs=10 ** -len(f"{outside}"[1:]))  # the digits given
-    assert image.psf.sum() + image.power_outside == pytest.approx(1.0, abs=1e-6)
+@pytest.mark.parametrize(("pixels", "rounded", "outside"), [(16, "33", 0.3265), (4, "55", 0.544)])
+def test_a_third_of_the_light_is_outside_sixteen_pixels_when_C_is_1_5(pixels, rounded, outside):
+    accuracy = Tolerance(1e-3, 1e-6)
+    image = imaged(PAPER, two_mirrors(1.5), HALF_DEGREE, pixels, accuracy=accuracy)
+    assert f"{100.0 * image.power_outside:.0f}" == rounded
+    assert image.psf.sum() + image.power_outside == pytest.approx(1.0, abs=1e-6)  # ee asked
+    # 0.682 nm over all frequencies scatter a little less
+    surfaces = [dataclasses.replace(s, psd=(KCorrelation(SIGMA_REL, 1.0, 1.5),)) for s in two_mirrors(1.5)]
+    assert imaged(PAPER, surfaces, HALF_DEGREE, pixels, accuracy=accuracy).power_outside == pytest.approx(
+        outside, abs=5e-4  # the digits given
+    )
 
 
 def test_scatter_near_an_image_collapses_onto_the_specular_light():
     first, second = two_mirrors(1.8)
-    with_second = imaged(PAPER, (first, dataclasses.replace(second, marginal_height=1e-9)), HALF_DEGREE)
+    with_second = imaged(PAPER, (first, dataclasses.replace(second, marginal_height=1e-6)), HALF_DEGREE)
     alone = imaged(PAPER, (first,), HALF_DEGREE)
-    # beyond a pixel the collapsed light is of order (lambda d2/(B pixel))^(C-1) = 1e-9
-    np.testing.assert_allclose(with_second.ensquared.ee[1:], alone.ensquared.ee[1:], atol=2e-8)
-    np.testing.assert_allclose(with_second.psf, alone.psf, rtol=2e-6, atol=2e-8)
+    # the second mirror's horizon lies 18 nm from the image: a thousandth of a pixel. What crosses an edge is a
+    # thousandth of the light next to it; then `reference` twice
+    np.testing.assert_allclose(with_second.ensquared.ee[1:], alone.ensquared.ee[1:], atol=1e-6)
+    np.testing.assert_allclose(with_second.psf, alone.psf, rtol=2e-6, atol=1e-6)
 
 
 def test_without_roughness_the_image_is_the_geometrical_one():

@@ -37,7 +37,8 @@ def unclipped_height(wavelength: float, surfaces: tuple) -> mpmath.mpf:
     """exp(sum_j [K^2 C(0) - g]): the unclipped OTF_S at q = 0; above 1 by the light beyond the horizon."""
     return mpmath.exp(
         mpmath.fsum(
-            (mpmath.mpf(s.K) * t.sigma) ** 2 * (1 + (mpmath.mpf(t.B) * s.index / wavelength) ** 2) ** ((1 - mpmath.mpf(t.C)) / 2)
+            (mpmath.mpf(s.K) * t.sigma) ** 2
+            * (1 + (mpmath.mpf(t.B) * s.index / wavelength) ** 2) ** ((1 - mpmath.mpf(t.C)) / 2)
             for s in surfaces
             for t in s.terms
         )

@@ -37,10 +37,10 @@ class RoughSurface(NamedTuple):
 class TruthSystem:
     """A telescope with rough surfaces, at one wavelength and one field point.
 
-    ``wavelength`` [mm]; ``surfaces``: ((K, d, ((sigma, B, C), ...)), ...) with or without an index at the end, see ``RoughSurface`` and ``Term``;
-    ``image_slope`` u' [1]; ``obscuration`` the annulus' inner radius; ``seidel``: any of W020, W040, W131, W222, W220,
-    W311 as lengths [mm] at the rim and H = 1; ``field`` the normalised field vector (H_x, H_y), or a number for
-    (0, H). Smooth surfaces, and those at an image (d = 0, whose scatter falls on the specular image), are dropped;
+    ``wavelength`` [mm]; ``surfaces``: ((K, d, ((sigma, B, C), ...), index or nothing), ...), see ``RoughSurface`` and
+    ``Term``; ``image_slope`` u' [1]; ``obscuration`` the annulus' inner radius; ``seidel``: any of W020, W040, W131,
+    W222, W220, W311 as lengths [mm] at the rim and H = 1; ``field`` the normalised field vector (H_x, H_y), or a number
+    for (0, H). Smooth surfaces, and those at an image (d = 0, whose scatter falls on the specular image), are dropped;
     ``sector``: lit azimuths (first, last) [rad] from +x towards +y, None for all.
     """
 
@@ -56,7 +56,10 @@ class TruthSystem:
         unknown = set(self.seidel) - {"W020", "W040", "W131", "W222", "W220", "W311"}
         if unknown:
             raise ValueError(f"no such Seidel terms: {sorted(unknown)}")
-        named = (RoughSurface(K, d, tuple(Term(*map(float, t)) for t in terms), *n) for K, d, terms, *n in self.surfaces)
+        named = (
+            RoughSurface(K, d, tuple(Term(*map(float, t)) for t in terms), *index)
+            for K, d, terms, *index in self.surfaces
+        )
         rough = tuple(s for s in named if s.d > 0.0 and any(t.sigma > 0.0 for t in s.terms))
         object.__setattr__(self, "surfaces", rough)
         if not isinstance(self.field, tuple):
@@ -73,7 +76,7 @@ def mirror(wavelength: float, d: float, *terms: tuple[float, float, float]) -> R
 
 
 def phase_variance(wavelength: float, surface: RoughSurface) -> float:
-    """g = K^2 sigma_rel^2, sigma_rel^2 = sum sigma^2 {1 - [1 + (B n'/lambda)^2]^((1-C)/2)}: the part below n'/lambda."""
+    """g = K^2 sigma_rel^2, sigma_rel^2 = sum sigma^2 {1 - [1 + (B n'/lambda)^2]^((1-C)/2)}."""
     return surface.K**2 * math.fsum(
         t.sigma**2 * -math.expm1(0.5 * (1.0 - t.C) * math.log1p((t.B * surface.index / wavelength) ** 2))
         for t in surface.terms

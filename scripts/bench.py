@@ -1,0 +1,252 @@
+"""Speed as ratios taken in one run: psfcli against what one would do otherwise. ``make bench`` prints them all.
+
+Every ratio is the median of paired repetitions; smaller is better for psfcli unless the line says otherwise. One BLAS
+thread throughout.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+
+for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import math
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy import fft
+
+import psfcli
+from psfcli import recipe
+from psfcli.image.geometric import azimuth_rule, ray_fans
+from psfcli.image.grid import Detector
+from psfcli.image.point import field_image, wavelength_scatter
+from psfcli.surface.harvey_shack import horizon, phase_variance, surface_transfer_function
+from psfcli.telescope.system import Field
+from psfcli.tolerance import Tolerance
+
+ROOT = Path(__file__).resolve().parent.parent
+PAPER = ROOT / "configs" / "euv_two_mirror.yaml"
+IMPORTS = "import click, yaml, numpy, scipy.special, astropy.io.fits, OpenEXR"
+
+
+def seconds(task: Callable[[], object]) -> float:
+    """Wall time of one call."""
+    started = time.perf_counter()
+    task()
+    return time.perf_counter() - started
+
+
+def ratio(ours: Callable[[], object], theirs: Callable[[], object], repetitions: int = 5) -> tuple[float, float, float]:
+    """Median of ours/theirs over paired calls after one warm-up of each, and the two median times."""
+    ours(), theirs()
+    pairs = [(seconds(ours), seconds(theirs)) for _ in range(repetitions)]
+    return (
+        statistics.median(a / b for a, b in pairs),
+        statistics.median(a for a, _ in pairs),
+        statistics.median(b for _, b in pairs),
+    )
+
+
+def process(*arguments: str) -> None:
+    """Run a command and wait; its output is dropped."""
+    subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def plain_fft(system: psfcli.config.System, field: Field, size: int, sub_pixel: float) -> np.ndarray:
+    """What one would do otherwise: rays binned on a periodic grid, times the tabulated transfer function, by rfft2.
+
+    Returns the image of the detector's sub-pixels; the transfer function is interpolated from a table in ln q.
+    """
+    telescope, wavelength = system.telescope, system.wavelengths[0]
+    azimuth = azimuth_rule(telescope, field, 1024)
+    inner = telescope.pupil.obscuration**2
+    rho = np.sqrt(inner + (1.0 - inner) * (np.arange(1024) + 0.5) / 1024)
+    position = []
+    for fans in ray_fans(telescope, field, azimuth):
+        r = rho[:, None]
+        position.append((((fans[3] * r + fans[2]) * r + fans[1]) * r + fans[0]).ravel())
+    column, row = (np.floor(p / sub_pixel).astype(np.intp) % size for p in position)
+    spot = np.bincount(row * size + column, minlength=size * size).reshape(size, size) / column.size
+    q = np.geomspace(1e-7, 1e4, 4000)
+    table = np.ones_like(q)
+    for surface in system.surfaces:
+        d = telescope.magnified_distance(surface.marginal_height)
+        table *= surface_transfer_function(wavelength * d * q, surface, wavelength)
+    fy, fx = fft.fftfreq(size, sub_pixel)[:, None], fft.rfftfreq(size, sub_pixel)
+    otf = np.interp(np.log(np.maximum(np.hypot(fx, fy), 1e-7)), np.log(q), table)
+    otf *= np.sinc(fx * sub_pixel) * np.sinc(fy * sub_pixel)  # blurred as pixels blur
+    image = fft.irfft2(fft.rfft2(spot) * otf, (size, size), workers=1)
+    n = system.detector.sub_pixels
+    return np.roll(image, (n // 2, n // 2), (0, 1))[:n, :n]
+
+
+def largest_pixel_error(image: np.ndarray, truth: np.ndarray, oversample: int, edge: int) -> float:
+    """Largest relative error of a detector pixel outside the spot (``edge`` pixels about the middle are left out)."""
+    n = truth.shape[0] // oversample
+    blocks = [a.reshape(n, oversample, n, oversample).sum(axis=(1, 3)) for a in (image, truth)]
+    far = np.ones((n, n), dtype=bool)
+    far[n // 2 - edge : n // 2 + edge, n // 2 - edge : n // 2 + edge] = False
+    return float(np.max(np.abs(blocks[0] / blocks[1] - 1.0)[far]))
+
+
+def rays(system: psfcli.config.System, field: Field, count: int, seed: int = 0) -> np.ndarray:
+    """``count`` Monte Carlo rays scattered at every mirror, binned on the detector's sub-pixels."""
+    generator = np.random.default_rng(seed)
+    telescope, wavelength, detector = system.telescope, system.wavelengths[0], system.detector
+    inner = telescope.pupil.obscuration**2
+    rho = np.sqrt(inner + (1.0 - inner) * generator.random(count))
+    fans_x, fans_y = ray_fans(telescope, field, 2.0 * math.pi * generator.random(count))
+    x, y = (((f[3] * rho + f[2]) * rho + f[1]) * rho + f[0] for f in (fans_x, fans_y))
+    for surface in system.surfaces:
+        d = telescope.magnified_distance(surface.marginal_height)
+        psd = surface.psd[0]
+        which = np.repeat(np.arange(count), generator.poisson(phase_variance(surface, wavelength), count))
+        cut = (1.0 + (psd.B * horizon(surface, wavelength)) ** 2) ** (0.5 * (1.0 - psd.C))
+        u = cut + (1.0 - cut) * generator.random(which.size)
+        f = np.sqrt(u ** (2.0 / (1.0 - psd.C)) - 1.0) / psd.B
+        turn = 2.0 * math.pi * generator.random(which.size)
+        x += np.bincount(which, wavelength * d * f * np.cos(turn), count)
+        y += np.bincount(which, wavelength * d * f * np.sin(turn), count)
+    n = detector.sub_pixels
+    column = np.floor((x - detector.start(0)) / detector.sub_pixel).astype(np.intp)
+    row = np.floor((y - detector.start(1)) / detector.sub_pixel).astype(np.intp)
+    hit = (column >= 0) & (column < n) & (row >= 0) & (row < n)
+    return np.bincount(row[hit] * n + column[hit], minlength=n * n).reshape(n, n) / count
+
+
+def one_field(system: psfcli.config.System, tolerance: Tolerance) -> Callable[[], np.ndarray]:
+    """A call that computes the scatter and one field of ``system`` with everything the products hold."""
+    scene = recipe.plan(replace(system, tolerance=tolerance))
+
+    def compute() -> np.ndarray:
+        scatter = wavelength_scatter(
+            scene.surfaces, scene.telescope, scene.wavelengths[0], scene.reach, scene.tolerance
+        )
+        image = field_image(
+            scene.telescope,
+            scene.fields[0],
+            scatter,
+            scene.detector,
+            scene.half_widths,
+            scene.tolerance,
+            with_cube=True,
+        )
+        assert image.psf is not None
+        return image.psf if image.psf_over is None else image.psf_over
+
+    return compute
+
+
+def against_fft_and_rays() -> None:
+    """One field of the paper's case, scatter included, against a plain FFT and against ray counting."""
+    system = psfcli.load(PAPER, fields=["0.5 deg"])
+    truth = one_field(system, Tolerance(1e-6, 1e-8))()
+    ours = one_field(system, Tolerance(2e-3, 1e-4))
+    ours_error = largest_pixel_error(ours(), truth, system.detector.oversample, 3)
+    our_seconds = statistics.median([seconds(ours) for _ in range(5)])
+    print(f"paper's case, one field at pixel 2e-3, ee 1e-4: largest pixel error {ours_error:.1e}")
+    errors, times = [], []
+    for size in (1024, 2048, 4096, 8192):
+        started = time.perf_counter()
+        image = plain_fft(system, system.fields[0], size, system.detector.sub_pixel)
+        times.append(time.perf_counter() - started)
+        errors.append(largest_pixel_error(image, truth, system.detector.oversample, 3))
+        print(
+            f"  plain 2-D FFT of {size}^2 (period {size * system.detector.sub_pixel:.1f} mm): "
+            f"error {errors[-1]:.1e}, {times[-1] / our_seconds:.1f} times our time"
+        )
+    # the wings that fold back fall as a power of the period: to our error by that power
+    doublings = max(0.0, math.log2(errors[-1] / ours_error) / math.log2(errors[-2] / errors[-1]))
+    print(
+        f"  plain FFT of equal error, pixels alone: {times[-1] * 4.0**doublings / our_seconds:.3g} times our time "
+        f"(extrapolated by {doublings:.1f} doublings)"
+    )
+    monte_carlo = statistics.median([seconds(lambda: rays(system, system.fields[0], 10**6)) for _ in range(3)])
+    print(f"  1e9 Monte Carlo rays (1e6 timed): {1e3 * monte_carlo / our_seconds:.3g} times our time")
+
+
+def large_kernel() -> None:
+    """One more field on 2559 x 2559 pixels against one rfft2 + irfft2 pair."""
+    system = psfcli.load(PAPER, fields=["0.5 deg"])
+    detector = Detector(system.detector.pixel, 2559, 1, "pixel")
+    scene = recipe.plan(replace(system, detector=detector))
+    scatter = wavelength_scatter(scene.surfaces, scene.telescope, scene.wavelengths[0], scene.reach, scene.tolerance)
+    size = fft.next_fast_len(2559, real=True)
+    plane = np.random.default_rng(0).random((size, size))
+    from psfcli.image.composite import add_unscattered, scattered_image
+    from psfcli.image.geometric import geometrical_image
+
+    def kernel() -> None:
+        point = geometrical_image(scene.telescope, scene.fields[0])
+        image = scattered_image(point, scatter.halo.mixture, detector, scene.tolerance)
+        add_unscattered(image, point, scatter.halo.specular_fraction, detector, scene.tolerance)
+
+    def pair() -> None:
+        fft.irfft2(fft.rfft2(plane, workers=1), (size, size), workers=1)
+
+    value, ours, theirs = ratio(kernel, pair)
+    print(f"2559 x 2559 kernel of one more field / rfft2 + irfft2 of {size}^2: {value:.2f}  ({ours:.3f} s, {theirs:.3f} s)")
+
+
+def whole_run() -> None:
+    """A whole process against its imports, and a hundred fields against one."""
+    psf = [sys.executable, "-m", "psfcli", "run", str(PAPER), "--overwrite", "-q"]
+    with tempfile.TemporaryDirectory() as directory:
+        out = ["-o", str(Path(directory) / "out")]
+        value, ours, theirs = ratio(
+            lambda: process(*psf, *out), lambda: process(sys.executable, "-c", IMPORTS), repetitions=7
+        )
+        print(f"psfcli run of the paper's case / importing its libraries: {value:.2f}  ({ours:.2f} s, {theirs:.2f} s)")
+        hundred = ["--set", "fields={start: 0 deg, stop: 0.5 deg, count: 100}"]
+        one = ["--field", "0.5 deg"]
+        csv = ["--format", "csv"]
+        value, ours, theirs = ratio(
+            lambda: process(*psf, *out, *csv, *hundred), lambda: process(*psf, *out, *csv, *one), repetitions=3
+        )
+        print(f"100 fields / 1 field, --format csv: {value:.2f}  ({ours:.2f} s, {theirs:.2f} s)")
+        process(*psf, *out, *hundred)
+        products = [p.read_bytes() for p in sorted((Path(directory) / "out").iterdir())]
+
+        def write_and_hash() -> None:
+            for number, content in enumerate(products):
+                (Path(directory) / f"copy{number}").write_bytes(content)
+                hashlib.sha256(content).hexdigest()
+
+        imports = statistics.median([seconds(lambda: process(sys.executable, "-c", IMPORTS)) for _ in range(3)])
+        value, ours, theirs = ratio(
+            lambda: process(*psf, *out, *hundred), write_and_hash, repetitions=3
+        )
+        print(f"100 fields, all products, beyond imports / writing and hashing the same bytes: "
+              f"{(ours - imports) / theirs:.1f}  ({ours - imports:.2f} s, {theirs:.2f} s for "
+              f"{sum(map(len, products)) / 1e6:.0f} MB)")
+
+
+def sweep() -> None:
+    """Six fields in one process against six processes."""
+    fields = [f"{0.1 * i:.1f} deg" for i in range(6)]
+    psf = [sys.executable, "-m", "psfcli", "run", str(PAPER), "--overwrite", "-q"]
+    with tempfile.TemporaryDirectory() as directory:
+        together = [argument for field in fields for argument in ("--field", field)]
+        value, ours, theirs = ratio(
+            lambda: process(*psf, "-o", f"{directory}/all", *together),
+            lambda: [process(*psf, "-o", f"{directory}/{i}", "--field", f) for i, f in enumerate(fields)],
+            repetitions=3,
+        )
+        print(f"6 fields in one process / 6 processes one after the other: {value:.2f}  ({ours:.2f} s, {theirs:.2f} s)")
+
+
+if __name__ == "__main__":
+    against_fft_and_rays()
+    large_kernel()
+    whole_run()
+    sweep()
