@@ -14,13 +14,7 @@ from psfcli.image.point import field_image, wavelength_scatter
 from psfcli.image.scatter import scatter_table, scattered_light
 from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.surface.autocovariance import autocovariance, decorrelation
-from psfcli.surface.harvey_shack import (
-    phase_per_height,
-    phase_variance,
-    relative_variance,
-    surface_transfer_function,
-    total_integrated_scatter,
-)
+from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_variance, total_integrated_scatter
 from psfcli.surface.mixture import GaussianMixture, ScatterTerm, mixing_density, trapezoid_step
 from psfcli.surface.psd import KCorrelation
 from psfcli.surface.surface import Surface
@@ -50,8 +44,8 @@ def only(**terms: float) -> Telescope:
     return dataclasses.replace(PAPER, seidel=SeidelTable(**terms))
 
 
-def imaged(telescope, surfaces, field=0.0, pixels=8, oversample=1, accuracy=PRESETS["reference"]):
-    detector, boxes = Detector(PIXEL, pixels, oversample), PIXEL * np.array([0.1, 0.5, 2.0, 16.0])
+def imaged(telescope, surfaces, field=0.0, pixels=8, accuracy=PRESETS["reference"]):
+    detector, boxes = Detector(PIXEL, pixels), PIXEL * np.array([0.1, 0.5, 2.0, 16.0])
     scatter = wavelength_scatter(surfaces, telescope, WAVELENGTH, 2.0, accuracy)
     return field_image(telescope, Field(field), scatter, detector, boxes, accuracy, with_cube=True)
 
@@ -70,7 +64,6 @@ def test_the_papers_tis_and_specular_share_are_those_of_0_682_nm():
     tis = total_integrated_scatter(polished(1.8), WAVELENGTH)
     assert (f"{tis:.2f}", (1.0 - tis) ** 2 < 0.19) == ("0.56", True)
     assert tis == pytest.approx(0.5645, abs=5e-5)  # four printed digits
-    assert -math.expm1(-(phase_per_height(polished(1.8), WAVELENGTH) ** 2) * (0.6816 * NM) ** 2) < 0.5641 + 5e-5
 
 
 @pytest.mark.parametrize("C", [1.05, 1.8, 4.0])
@@ -114,12 +107,8 @@ def test_zemax_example():
 
 def test_autocovariance_closed_forms():
     u = np.array([0.0, 1e-4, 0.3, 0.999, 1.001, 4.0, 30.0])
-    closed = {
-        2: np.exp(-u),
-        3: np.where(u > 0.0, u * special.k1(np.maximum(u, 1e-30)), 1.0),
-        4: (1.0 + u) * np.exp(-u),
-        6: (1.0 + u + u * u / 3.0) * np.exp(-u),
-    }
+    besselian = np.where(u > 0.0, u * special.k1(np.maximum(u, 1e-30)), 1.0)
+    closed = {2: np.exp(-u), 3: besselian, 4: (1.0 + u) * np.exp(-u), 6: (1.0 + u + u * u / 3.0) * np.exp(-u)}
     for C, rho in closed.items():
         np.testing.assert_allclose(autocovariance(u, (C - 1) / 2), rho, rtol=1e-13)  # rounding times a few powers
 
@@ -157,15 +146,10 @@ def transform(g: float, C: float, b: np.ndarray, error: float = 1e-13) -> np.nda
 
 
 def test_bsdf_values_of_the_papers_tis_at_C_1_5():
-    values = {
-        0.01: 0.03102025837926,  # a figure of 0.031020258335 that circulates is 1.4e-9 low: mpmath says this, two ways
-        0.1: 0.0306620924717,
-        1.0: 0.0138747311692,
-        10.0: 1.60253759799e-4,
-        100.0: 6.14242789214e-7,
-    }
-    # g is given to ten digits
-    np.testing.assert_allclose(transform(0.8338169169, 1.5, np.array(list(values))), list(values.values()), rtol=1e-9)
+    b = np.array([0.01, 0.1, 1.0, 10.0, 100.0])
+    # the first is 1.4e-9 above 0.031020258335, a figure that circulates: two integrations in mpmath give this one
+    values = [0.03102025837926, 0.0306620924717, 0.0138747311692, 1.60253759799e-4, 6.14242789214e-7]
+    np.testing.assert_allclose(transform(0.8338169169, 1.5, b), values, rtol=1e-9)  # g is given to ten digits
 
 
 def test_bsdf_at_C_2_is_a_closed_series():
@@ -209,14 +193,6 @@ def test_phase_of_mirrors_and_refracting_surfaces():
     assert phase_per_height(lens, 2.0) == pytest.approx(2.0 * math.pi * 0.5 / 2.0, rel=1e-15)
 
 
-def test_transfer_function_falls_from_1_to_the_specular_fraction():
-    surface, r = polished(1.2, B=1e-3), np.array([0.0, 1e-9, 1e-6, 1e-4, 1.0])
-    H = surface_transfer_function(r, surface, WAVELENGTH)
-    assert H[0] == 1.0
-    assert np.all(np.diff(H) <= 0.0)
-    assert H[-1] == pytest.approx(math.exp(-phase_variance(surface, WAVELENGTH)), rel=1e-13)
-
-
 # -- ray errors
 
 
@@ -224,9 +200,8 @@ def test_scale_of_ray_errors():
     assert 1.0 / PAPER.image_slope == pytest.approx(18.421, abs=5e-4)
     unit = dataclasses.replace(only(W311=WAVELENGTH), pupil=Pupil())  # one wave of slope
     assert spot_statistics(unit, Field(HALF_DEGREE)).chief_y / UM == pytest.approx(-0.17316, abs=5e-6)
-    assert [row.magnified_distance for row in scatter_table(two_mirrors(1.8), PAPER, WAVELENGTH)] == pytest.approx(
-        DISTANCES, rel=1e-14
-    )
+    distances = [row.magnified_distance for row in scatter_table(two_mirrors(1.8), PAPER, WAVELENGTH)]
+    assert distances == pytest.approx(DISTANCES, rel=1e-14)
 
 
 def test_spots_of_the_papers_table():

@@ -7,13 +7,12 @@ erf, so the window is a sum of products of thin matrices, each term on the block
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.blur import TAIL, interval_integrals, moments_to, normal_probability, treatment
-from psfcli.image.geometric import GeometricalImage, RayBundle, rays_apart
+from psfcli.image.geometric import GeometricalImage, RayBundle, rays_apart, tiles
 from psfcli.image.grid import Detector
 from psfcli.image.result import Spot
 from psfcli.image.unscattered import unscattered_on_grid
@@ -25,7 +24,6 @@ Index = NDArray[np.intp]
 
 _LEVEL = 1.6  # successive blocks of cells shrink by this factor
 _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
-_RAYS_AT_ONCE = 4096
 
 
 def scattered_image(
@@ -132,7 +130,7 @@ def _radius_of_influence(mixture: GaussianMixture, spot: Spot, tolerance: Tolera
 
 
 def _add_by_rays(image: Real, edges_x: Real, edges_y: Real, rays: RayBundle, weight: float, width: float) -> None:
-    for part in _tiles(rays, 2.0 * TAIL * width):
+    for part in tiles(rays, 2.0 * TAIL * width):
         rows = _span(edges_y, part.y.min() - TAIL * width, part.y.max() + TAIL * width)
         columns = _span(edges_x, part.x.min() - TAIL * width, part.x.max() + TAIL * width)
         if rows.stop <= rows.start or columns.stop <= columns.start:
@@ -141,21 +139,6 @@ def _add_by_rays(image: Real, edges_x: Real, edges_y: Real, rays: RayBundle, wei
         x = (edges_x[columns.start : columns.stop + 1, None] - part.x) / width
         left = normal_probability(y[:-1], y[1:]) * (weight * part.share)
         image[rows, columns] += left @ normal_probability(x[:-1], x[1:]).T
-
-
-def _tiles(rays: RayBundle, size: float) -> Iterator[RayBundle]:
-    """The rays in parts that each land within a square of ``size`` [mm], and not too many at once."""
-    column = np.floor((rays.x - rays.x.min()) / size).astype(np.intp)
-    row = np.floor((rays.y - rays.y.min()) / size).astype(np.intp)
-    tile = row * (column.max() + 1) + column
-    order = np.argsort(tile, kind="stable")
-    ends = np.append(np.flatnonzero(np.diff(tile[order])) + 1, order.size)
-    start = 0
-    for end in ends:
-        for first in range(start, end, _RAYS_AT_ONCE):
-            part = order[first : min(first + _RAYS_AT_ONCE, end)]
-            yield RayBundle(rays.share[part], rays.x[part], rays.y[part])
-        start = int(end)
 
 
 def _span(edges: Real, low: float, high: float) -> slice:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ from psfcli.telescope.system import Field, Telescope
 Real = NDArray[np.float64]
 
 MAX_MOMENT = 14
+MOST_RAYS = 1_000_000
+_RAYS_AT_ONCE = 4096
 _EXACT_RADII, _EXACT_AZIMUTHS = 12, 16  # integrates every second moment of cubic rays exactly
 _EXTENT_AZIMUTHS = 256
 
@@ -144,11 +147,38 @@ def spot_statistics(telescope: Telescope, field: Field) -> Spot:
 
 
 def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -> RayBundle:
-    """Rays at the nodes of a pupil quadrature, landing at most ``spacing`` [mm] apart; ``half`` as in ``ray_bundle``."""
+    """Rays at the nodes of a pupil quadrature, landing about ``spacing`` [mm] apart at most; ``half`` as in ``ray_bundle``.
+
+    Never more than MOST_RAYS: a core ten thousand times narrower than the spot is not resolved, and the error reached
+    says so.
+    """
     start, stop = image.telescope.pupil.sector
-    radii = 5 + math.ceil(image.radial_length / spacing)
-    azimuths = 8 + 2 * math.ceil(0.4 * (stop - start) * image.azimuthal_length / spacing)
-    return ray_bundle(image.telescope, image.field, radii, azimuths, half=half)
+    radii = 4 + image.radial_length / spacing
+    azimuths = 6 + 0.8 * (stop - start) * image.azimuthal_length / spacing
+    thinning = math.sqrt(max(1.0, radii * azimuths / MOST_RAYS))
+    return ray_bundle(
+        image.telescope,
+        image.field,
+        math.ceil(radii / thinning),
+        2 * math.ceil(0.5 * azimuths / thinning),
+        half=half,
+    )
+
+
+def tiles(rays: RayBundle, size: float) -> Iterator[RayBundle]:
+    """The rays in parts that each land within a square of ``size`` [mm] or a hundredth of the spot, not too many at once."""
+    size = max(size, 0.01 * float(np.ptp(rays.x)), 0.01 * float(np.ptp(rays.y)))
+    column = np.floor((rays.x - rays.x.min()) / size).astype(np.intp)
+    row = np.floor((rays.y - rays.y.min()) / size).astype(np.intp)
+    tile = row * (column.max() + 1) + column
+    order = np.argsort(tile, kind="stable")
+    ends = np.append(np.flatnonzero(np.diff(tile[order])) + 1, order.size)
+    start = 0
+    for end in ends:
+        for first in range(start, end, _RAYS_AT_ONCE):
+            part = order[first : min(first + _RAYS_AT_ONCE, end)]
+            yield RayBundle(rays.share[part], rays.x[part], rays.y[part])
+        start = int(end)
 
 
 def _quasi_moments(telescope: Telescope, field: Field, spot: Spot) -> Real:

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.blur import TAIL, interval_integrals, moments_to, normal_probability, treatment
-from psfcli.image.geometric import GeometricalImage, RayBundle, rays_apart
+from psfcli.image.geometric import GeometricalImage, RayBundle, rays_apart, tiles
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
-
-_RAYS_AT_ONCE = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,22 +80,26 @@ def _by_moments(mixture: GaussianMixture, point: GeometricalImage, order: int, r
 
 
 def _by_rays(rays: RayBundle, width: float, rectangles: Rectangles) -> Real:
-    """The energy of a Gaussian of ``width``, carried along by the rays, in each rectangle."""
+    """The energy of a Gaussian of ``width``, carried along by the rays, in each rectangle.
+
+    Rectangles that hold a whole tile of rays with its blur, or miss it, cost nothing.
+    """
     margin = TAIL * width
-    covers = (
-        (rectangles.x_start < rays.x.min() - margin)
-        & (rectangles.x_stop > rays.x.max() + margin)
-        & (rectangles.y_start < rays.y.min() - margin)
-        & (rectangles.y_stop > rays.y.max() + margin)
-    )
-    energy = np.where(covers, 1.0, 0.0)
-    some = ~covers
-    x_start, x_stop = rectangles.x_start[some, None], rectangles.x_stop[some, None]
-    y_start, y_stop = rectangles.y_start[some, None], rectangles.y_stop[some, None]
-    for first in range(0, rays.x.size, _RAYS_AT_ONCE):
-        part = slice(first, first + _RAYS_AT_ONCE)
-        x, y = rays.x[part], rays.y[part]
-        in_x = normal_probability((x_start - x) / width, (x_stop - x) / width)
-        in_y = normal_probability((y_start - y) / width, (y_stop - y) / width)
-        energy[some] += (in_x * in_y) @ rays.share[part]
+    energy = np.zeros_like(rectangles.x_start)
+    for part in tiles(rays, 2.0 * margin):
+        left, right = part.x.min() - margin, part.x.max() + margin
+        low, high = part.y.min() - margin, part.y.max() + margin
+        covers = (rectangles.x_start <= left) & (rectangles.x_stop >= right)
+        covers &= (rectangles.y_start <= low) & (rectangles.y_stop >= high)
+        energy[covers] += part.share.sum()
+        cut = ~covers & (rectangles.x_start < right) & (rectangles.x_stop > left)
+        cut &= (rectangles.y_start < high) & (rectangles.y_stop > low)
+        some = np.flatnonzero(cut)[:, None]
+        in_x = normal_probability(
+            (rectangles.x_start[some] - part.x) / width, (rectangles.x_stop[some] - part.x) / width
+        )
+        in_y = normal_probability(
+            (rectangles.y_start[some] - part.y) / width, (rectangles.y_stop[some] - part.y) / width
+        )
+        energy[cut] += (in_x * in_y) @ part.share
     return energy
