@@ -1,4 +1,4 @@
-"""The recipe, as in Section 4 of the paper: plan; scatter once per wavelength; each field; the products take it from there."""
+"""The recipe, as in Section 4 of the paper: plan, scatter once per wavelength, image each field, write the products."""
 
 from __future__ import annotations
 
@@ -127,7 +127,9 @@ def _image(scene: Plan, scatter: WavelengthScatter, field_index: int) -> FieldIm
     )
 
 
-def header(system: System, scene: Plan, *, command: str = "", input_name: str = "", input_sha256: str = "") -> RunHeader:
+def header(
+    system: System, scene: Plan, *, command: str = "", input_name: str = "", input_sha256: str = ""
+) -> RunHeader:
     """What the products say of a run besides its images."""
     return RunHeader(
         title=system.title,
@@ -173,7 +175,7 @@ def write(
     command: str = "",
     input_name: str = "",
     input_sha256: str = "",
-    progress: Progress = lambda done, total: None,
+    progress: Progress | None = None,
 ) -> Outcome:
     """Compute the system and write its products into ``directory``; ``progress(done, total)`` is called per image.
 
@@ -193,7 +195,8 @@ def write(
         for done, (w, f, image) in enumerate(images(scene, jobs), start=1):
             products.add(w, f, image)
             worst = Tolerance(max(worst.pixel, image.reached.pixel), max(worst.ee, image.reached.ee))
-            progress(done, total)
+            if progress is not None:
+                progress(done, total)
         products.timings = {"seconds": time.perf_counter() - started}
     return Outcome(products.paths, (*scene.warnings, *products.notes), worst)
 

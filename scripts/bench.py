@@ -195,7 +195,9 @@ def large_kernel() -> None:
         fft.irfft2(fft.rfft2(plane, workers=1), (size, size), workers=1)
 
     value, ours, theirs = ratio(kernel, pair)
-    print(f"2559 x 2559 kernel of one more field / rfft2 + irfft2 of {size}^2: {value:.2f}  ({ours:.3f} s, {theirs:.3f} s)")
+    print(
+        f"2559 x 2559 kernel of one more field / rfft2 + irfft2 of {size}^2: {value:.2f} ({ours:.3f} s, {theirs:.3f} s)"
+    )
 
 
 def whole_run() -> None:
@@ -223,12 +225,12 @@ def whole_run() -> None:
                 hashlib.sha256(content).hexdigest()
 
         imports = statistics.median([seconds(lambda: process(sys.executable, "-c", IMPORTS)) for _ in range(3)])
-        value, ours, theirs = ratio(
-            lambda: process(*psf, *out, *hundred), write_and_hash, repetitions=3
+        value, ours, theirs = ratio(lambda: process(*psf, *out, *hundred), write_and_hash, repetitions=3)
+        print(
+            f"100 fields, all products, beyond imports / writing and hashing the same bytes: "
+            f"{(ours - imports) / theirs:.1f}  ({ours - imports:.2f} s, {theirs:.2f} s for "
+            f"{sum(map(len, products)) / 1e6:.0f} MB)"
         )
-        print(f"100 fields, all products, beyond imports / writing and hashing the same bytes: "
-              f"{(ours - imports) / theirs:.1f}  ({ours - imports:.2f} s, {theirs:.2f} s for "
-              f"{sum(map(len, products)) / 1e6:.0f} MB)")
 
 
 def sweep() -> None:

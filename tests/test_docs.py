@@ -129,7 +129,7 @@ def test_system_files_in_the_readme_are_faultless(tmp_path):
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A directory as the snippets expect it: the configurations, and the products of ``make run``, at draft accuracy."""
+    """A directory as the snippets expect it: the configurations and, at draft accuracy, what ``make run`` leaves."""
     directory = tmp_path_factory.mktemp("place")
     shutil.copytree(ROOT / "configs", directory / "configs")
     finished = psf(directory, "run", "configs/euv_two_mirror.yaml", "--accuracy", "draft", "--format", "fits")

@@ -14,7 +14,7 @@ FORMATS = ("fits", "exr", "csv")
 _SIZES = {"kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KiB": 2.0**10, "MiB": 2.0**20, "GiB": 2.0**30, "TiB": 2.0**40}
 
 
-class Formats(click.ParamType):
+class Formats(click.ParamType[tuple[str, ...]]):
     """A comma-separated list of formats."""
 
     name = "list"
@@ -30,7 +30,7 @@ class Formats(click.ParamType):
         return tuple(name for name in FORMATS if name in asked)
 
 
-class MemorySize(click.ParamType):
+class MemorySize(click.ParamType[float]):
     """A number of bytes such as 4GB or 512MiB."""
 
     name = "size"
@@ -65,7 +65,9 @@ def system_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2."),
             click.option("--accuracy", "accuracy_name", type=click.Choice(list(PRESETS)), help="Replaces accuracy."),
             click.option("--pixel-error", type=float, metavar="X", help="Relative error of a pixel, with --ee-error."),
-            click.option("--ee-error", type=float, metavar="Y", help="Error of an ensquared energy, with --pixel-error."),
+            click.option(
+                "--ee-error", type=float, metavar="Y", help="Error of an ensquared energy, with --pixel-error."
+            ),
         )
     ):
         command = decorate(command)

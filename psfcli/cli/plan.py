@@ -62,7 +62,8 @@ def describe(system: System, formats: Sequence[str], jobs: int) -> str:
     lines += [
         "",
         f"images      {images}, of {scene.detector.pixels} x {scene.detector.pixels} pixels of "
-        f"{1e3 * scene.detector.pixel:g} um" + (f", oversampled {scene.detector.oversample}" if scene.with_cube else ""),
+        f"{1e3 * scene.detector.pixel:g} um"
+        + (f", oversampled {scene.detector.oversample}" if scene.with_cube else ""),
         f"boxes       {scene.half_widths.size}, half widths {1e3 * scene.half_widths[0]:.4g} to "
         f"{1e3 * scene.half_widths[-1]:.6g} um; farthest distance {scene.reach:.4g} mm",
         f"asked       pixel error {scene.tolerance.pixel:.1e}, ensquared energy {scene.tolerance.ee:.1e}",

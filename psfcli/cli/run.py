@@ -15,7 +15,6 @@ import click
 from psfcli.cli.options import FORMATS, Formats, MemorySize, accuracy, system_options
 from psfcli.config import load
 
-
 _WORTH_A_POOL = 24  # images: fewer are done before processes have started
 
 
@@ -23,7 +22,13 @@ _WORTH_A_POOL = 24  # images: fewer are done before processes have started
 @system_options
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_psf.")
 @click.option("--format", "formats", type=Formats(), default=",".join(FORMATS), show_default=True, metavar="LIST")
-@click.option("--jobs", type=click.IntRange(1, 256), default=None, metavar="N", help="Processes, each a field at a time; default: as many as pay.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    default=None,
+    metavar="N",
+    help="Processes, each a field at a time; default: as many as pay.",
+)
 @click.option("--max-memory", type=MemorySize(), metavar="SIZE", help="Such as 4GB; default: half of the machine's.")
 @click.option("--overwrite", is_flag=True, help="Replace the products that stand in DIR.")
 @click.option("--dry-run", is_flag=True, help="Say what would be computed, as psfcli plan does; write nothing.")
@@ -81,15 +86,19 @@ def command(
             max_memory=max_memory or MemorySize.default(),
             command=shlex.join(["psfcli", *sys.argv[1:]]),
             input_name=config,
-            input_sha256=hashlib.sha256(system.text.encode() if config == "-" else Path(config).read_bytes()).hexdigest(),
+            input_sha256=hashlib.sha256(
+                system.text.encode() if config == "-" else Path(config).read_bytes()
+            ).hexdigest(),
             progress=progress,
         )
     for note in outcome.notes:
         say(f"note: {note}")
     asked, reached = system.tolerance, outcome.reached
     if verbose or not quiet:
-        say(f"reached: pixel error {reached.pixel:.2g} (asked {asked.pixel:.2g}), ensquared energy {reached.ee:.2g} "
-            f"(asked {asked.ee:.2g})")
+        say(
+            f"reached: pixel error {reached.pixel:.2g} (asked {asked.pixel:.2g}), ensquared energy {reached.ee:.2g} "
+            f"(asked {asked.ee:.2g})"
+        )
     for path in outcome.paths:
         click.echo(path)
     if reached.pixel > asked.pixel or reached.ee > asked.ee:

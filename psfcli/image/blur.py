@@ -29,7 +29,9 @@ Real = NDArray[np.float64]
 
 MAX_ORDER = MAX_MOMENT - 2  # the moments beyond tell the error
 TAIL = 8.5  # widths beyond which less than 1e-17 of a Gaussian lies
-_HERMITE_MARGIN = 10.0  # |He_a(u)| <= 1.09 sqrt(a!) exp(u^2/4): the factor at u = 3, where a mixture's terms still count
+_HERMITE_MARGIN = (
+    10.0  # |He_a(u)| <= 1.09 sqrt(a!) exp(u^2/4): the factor at u = 3, where a mixture's terms still count
+)
 _SHARE = 0.3  # of the tolerance, for all terms together
 _SMOOTH_CELL = 0.25  # cells narrower than this many widths: Gauss's rule instead of differences (relative error 2e-8)
 _NODE, _NODE_WEIGHT = gauss_legendre(4)

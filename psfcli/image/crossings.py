@@ -47,9 +47,7 @@ def pieces_between(
         fans_x[0] -= origin[0]
         fans_y[0] -= origin[1]
     each = np.arange(azimuth.size)
-    crossings = [
-        _bracketed_crossings(fans, inner, edges) for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))
-    ]
+    crossings = [_bracketed_crossings(fans, inner, edges) for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))]
     cubics, start, stop, crossing_fan = (np.concatenate(column, axis=-1) for column in zip(*crossings, strict=True))
     fan = [each, each, crossing_fan]
     rho = [np.full(azimuth.size, inner), np.ones(azimuth.size), _root_between(cubics, start, stop)]

@@ -1,4 +1,4 @@
-"""The geometrical image of a point, PSF_G of Eq. 26: ray errors over the pupil, their statistics and quadratures [mm]."""
+"""The geometrical image of a point, PSF_G of Eq. 26: ray errors, their statistics and quadratures [mm]."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.quadrature import gauss_legendre
+from psfcli.image.quadrature import gauss_panels
 from psfcli.image.result import Spot
 from psfcli.telescope.aberration import transverse_aberration_along_azimuths
 from psfcli.telescope.system import Field, Telescope
@@ -66,15 +66,15 @@ def azimuth_rule(telescope: Telescope, field: Field, count: int) -> Real:
 
 
 def ray_fans(telescope: Telescope, field: Field, azimuth: Real) -> tuple[Real, Real]:
-    """Landing points as cubics in pupil radius along each azimuth: coefficients of x and y, shape (4, azimuths) [mm]."""
+    """Landing points as cubics in pupil radius along azimuths: coefficients of x and y, shape (4, azimuths) [mm]."""
     return transverse_aberration_along_azimuths(
         telescope.seidel, telescope.relative_field(field), azimuth, telescope.image_slope
     )
 
 
 def along_fans(fans: Real, rho: Real) -> Real:
-    """The cubics ``fans`` (4, azimuths) at pupil radii ``rho`` (radii or (radii, azimuths)): shape (radii, azimuths)."""
-    r = rho[:, None] if rho.ndim == 1 else rho
+    """The cubics ``fans`` (4, azimuths) at pupil radii ``rho`` (radii,): shape (radii, azimuths)."""
+    r = rho[:, None]
     return ((fans[3] * r + fans[2]) * r + fans[1]) * r + fans[0]
 
 
@@ -85,14 +85,14 @@ def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int, *,
     those on one side of the field direction, standing for both.
     """
     inner = telescope.pupil.obscuration**2
-    node, weight = gauss_legendre(radii)
+    node, weight = gauss_panels(radii)
     rho = np.sqrt(inner + (1.0 - inner) * 0.5 * (node + 1.0))
     if telescope.pupil.is_full_annulus:
         azimuth = azimuth_rule(telescope, field, azimuths)[: azimuths // 2 if half else azimuths]
         slice_weight = np.full(azimuth.size, 1.0 / azimuth.size)
     else:
         start, stop = telescope.pupil.sector
-        slice_node, slice_weight = gauss_legendre(azimuths)
+        slice_node, slice_weight = gauss_panels(azimuths)
         azimuth = start + (stop - start) * 0.5 * (slice_node + 1.0)
         slice_weight = 0.5 * slice_weight
     fans_x, fans_y = ray_fans(telescope, field, azimuth)
@@ -147,7 +147,7 @@ def spot_statistics(telescope: Telescope, field: Field) -> Spot:
 
 
 def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -> RayBundle:
-    """Rays at the nodes of a pupil quadrature, landing about ``spacing`` [mm] apart at most; ``half`` as in ``ray_bundle``.
+    """Rays at the nodes of a pupil quadrature, landing about ``spacing`` [mm] apart at most; ``half``: see above.
 
     Never more than MOST_RAYS: a core ten thousand times narrower than the spot is not resolved, and the error reached
     says so.
@@ -166,7 +166,7 @@ def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -
 
 
 def tiles(rays: RayBundle, size: float) -> Iterator[RayBundle]:
-    """The rays in parts that each land within a square of ``size`` [mm] or a hundredth of the spot, not too many at once."""
+    """The rays in parts, not too large, that each land within a square of ``size`` [mm] or a hundredth of the spot."""
     size = max(size, 0.01 * float(np.ptp(rays.x)), 0.01 * float(np.ptp(rays.y)))
     column = np.floor((rays.x - rays.x.min()) / size).astype(np.intp)
     row = np.floor((rays.y - rays.y.min()) / size).astype(np.intp)

@@ -50,4 +50,4 @@ class Detector:
         """The edges of the sub-pixels along x (axis 0) or y (axis 1) about the Gaussian image point [mm]."""
         import numpy as np  # here, so that reading a system file does not load it
 
-        return self.start(axis) + self.sub_pixel * np.arange(self.sub_pixels + 1)
+        return self.start(axis) + self.sub_pixel * np.arange(self.sub_pixels + 1.0)

@@ -32,7 +32,7 @@ def horizon_loss(
     reach: float,
     share: float,
 ) -> GaussianMixture:
-    """D(r) for r <= ``reach`` [mm] as a few wide Gaussians (of either sign); none where D < ``share`` of the ``scatter``.
+    """D(r) for r <= ``reach`` [mm] as a few wide Gaussians of either sign; none where it is below ``share`` of S.
 
     The fit's error is relative to the scatter it is taken from. Good to 1e-9 of S for reach up to about a third
     of the smallest d_j; farther out the mixture itself must be checked by refinement.

@@ -76,7 +76,9 @@ def encircled_energy(surfaces: Sequence[Surface], telescope: Telescope, waveleng
         exponent += np.minimum(0.0, transfer_exponent(separation, surface, wavelength))
     total_variance = sum(phase_variance(surface, wavelength) for surface in surfaces)
     if total_variance < 1.0:
-        h = math.exp(-total_variance) * np.expm1(np.maximum(exponent + total_variance, 0.0))  # to full relative accuracy however smooth the surfaces
+        h = math.exp(-total_variance) * np.expm1(
+            np.maximum(exponent + total_variance, 0.0)
+        )  # to full relative accuracy however smooth the surfaces
     else:
         h = np.exp(exponent) - math.exp(-total_variance)
     offset = fft.fhtoffset(step, mu=1.0, bias=-0.5)
@@ -92,7 +94,7 @@ def outside_window(
     detector: Detector,
     tolerance: Tolerance,
 ) -> float:
-    """The fraction of all light that misses the detector's window, scattered and unscattered, within ``tolerance.ee``."""
+    """The fraction of all light that misses the detector's window, within ``tolerance.ee``."""
     x_start, x_stop, y_start, y_stop = window = detector.bounds()
     spot = point.spot
     outside = 0.0

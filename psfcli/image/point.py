@@ -29,7 +29,7 @@ _JUDGED_BOXES = 10
 
 @dataclass(frozen=True, slots=True)
 class WavelengthScatter:
-    """The scattered light at one wavelength: as used, ``finer`` to judge it by, and its encircled energy by another road."""
+    """The scattered light at one wavelength: as used, ``finer`` to judge it by, and its energy by another road."""
 
     halo: Halo
     finer: Halo
@@ -95,7 +95,7 @@ def _finer(tolerance: Tolerance) -> Tolerance:
 def _scatter_error(
     image: Real, point: GeometricalImage, finer: Halo, detector: Detector, tolerance: Tolerance
 ) -> float:
-    """Largest relative error of the scattered light at probe sub-pixels, ever farther out along two axes and diagonals."""
+    """Largest relative error of the scattered light at probe sub-pixels, ever farther out along axes and diagonals."""
     if finer.mixture.weight.size == 0:
         return 0.0
     n = detector.sub_pixels

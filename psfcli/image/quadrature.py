@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
 
+_LARGEST_PANEL = 64
 _MOST_NODES = 400_000
 _SLICES_AT_ONCE = 256
 _LEAST_SHARE = 0.1  # few slices hold a kink of any one function: each may use this share of the tolerance
@@ -22,6 +23,14 @@ def gauss_legendre(count: int) -> tuple[Real, Real]:
     """Nodes and weights of Gauss's rule on (-1, 1), shape (count,), not to be written to; weights add to 2."""
     node, weight = np.polynomial.legendre.leggauss(count)
     return node, weight
+
+
+def gauss_panels(count: int) -> tuple[Real, Real]:
+    """Nodes and weights on (-1, 1), at least ``count``, of Gauss's rule on as many equal panels as keep each small."""
+    panels = 1 + (count - 1) // _LARGEST_PANEL
+    node, weight = gauss_legendre(-(-count // panels))
+    start = -1.0 + 2.0 * np.arange(panels)[:, None] / panels
+    return (start + (node + 1.0) / panels).ravel(), np.tile(weight / panels, panels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,5 +81,7 @@ def integrate_adaptively(functions: Callable[[Real], Real], left: Real, right: R
             ends.append((a[more], middle[more], fa[more], fl[more], fm[more]))
             ends.append((middle[more], b[more], fm[more], fr[more], fb[more]))
             count += 2 * int(np.count_nonzero(more))
-        left, right, value_left, value_middle, value_right = (np.concatenate(column) for column in zip(*ends, strict=True))
+        left, right, value_left, value_middle, value_right = (
+            np.concatenate(column) for column in zip(*ends, strict=True)
+        )
     return Rule(np.concatenate(nodes), np.concatenate(weights), integral, float(doubt.max(initial=0.0)) / _KINK_GAIN)

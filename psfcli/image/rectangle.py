@@ -1,4 +1,4 @@
-"""The energy of the composite image in any rectangles: boxes of ensquared energy, single pixels, a whole window [mm]."""
+"""The scattered energy in any rectangles: boxes of ensquared energy, single pixels, a whole window [mm]."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Real = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Rectangles:
-    """``x_start <= x <= x_stop``, ``y_start <= y <= y_stop`` about the Gaussian image point, each of shape [rectangle]."""
+    """``x_start`` to ``x_stop``, ``y_start`` to ``y_stop`` about the Gaussian image point, each of shape [rectangle]."""
 
     x_start: Real
     x_stop: Real
@@ -35,7 +35,10 @@ class Rectangles:
     def together(cls, several: Sequence[Rectangles]) -> Rectangles:
         """All rectangles of ``several``, one after the other."""
         return cls(
-            *(np.concatenate([getattr(some, edge) for some in several]) for edge in ("x_start", "x_stop", "y_start", "y_stop"))
+            *(
+                np.concatenate([getattr(some, edge) for some in several])
+                for edge in ("x_start", "x_stop", "y_start", "y_stop")
+            )
         )
 
 

@@ -1,7 +1,7 @@
 """The scattered light of the whole telescope without aberrations, PSF_S of Eq. 37, as a sum of Gaussians.
 
-OTF_S(q) = prod_j H_j(lambda d_j q): the mirrors' transfer functions multiply, so the convolutions of Eq. 37 cost nothing
-and S, the transform of OTF_S - exp(-G), is radial and the same at every field. Lengths in mm.
+OTF_S(q) = prod_j H_j(lambda d_j q): the mirrors' transfer functions multiply, so the convolutions of Eq. 37 cost
+nothing, and S, the transform of OTF_S - exp(-G), is radial and the same at every field. Lengths in mm.
 """
 
 from __future__ import annotations
@@ -12,15 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from psfcli.image.horizon import horizon_loss
+from psfcli.image.result import SurfaceScatter
 from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_variance, total_integrated_scatter
 from psfcli.surface.mixture import GaussianMixture, ScatterTerm, mixing_density, trapezoid_step
 from psfcli.surface.surface import Surface
 from psfcli.telescope.system import Telescope
 from psfcli.tolerance import Tolerance
-from psfcli.image.result import SurfaceScatter
 
 Real = NDArray[np.float64]
 

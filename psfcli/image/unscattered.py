@@ -26,9 +26,7 @@ _FANS_AT_ONCE = 2048
 _BUCKETS = 1021  # cells are told apart modulo this when slices are judged
 
 
-def unscattered_on_grid(
-    point: GeometricalImage, edges_x: Real, edges_y: Real, tolerance: float
-) -> tuple[Real, float]:
+def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, tolerance: float) -> tuple[Real, float]:
     """Fractions of the unscattered light in the cells of a uniform grid, shape (y, x), and their estimated error.
 
     A piece on an edge, such as the whole of a perfect image on a pixel corner, is shared by both sides.
@@ -90,9 +88,7 @@ def unscattered_in_boxes(
     def energy(azimuth: Real) -> Real:
         """The light of each fan within each box about its centre, shape (azimuths, centres * boxes)."""
         centre = ((azimuth - start) / stride).astype(np.intp)
-        pieces = pieces_between(
-            point.telescope, point.field, azimuth - stride * centre, edges, edges, place[centre].T
-        )
+        pieces = pieces_between(point.telescope, point.field, azimuth - stride * centre, edges, edges, place[centre].T)
         ring = np.searchsorted(half_width, np.maximum(np.abs(pieces.x), np.abs(pieces.y)))
         light = np.bincount(pieces.fan * rings + ring, pieces.share, azimuth.size * rings).reshape(-1, rings)
         within = np.zeros((azimuth.size, len(centres), half_width.size))
@@ -100,7 +96,8 @@ def unscattered_in_boxes(
         return within.reshape(azimuth.size, -1)
 
     bounds = [
-        n * stride + _slices_about(point, (float(x), float(y)), start, stop, tolerance) for n, (x, y) in enumerate(place)
+        n * stride + _slices_about(point, (float(x), float(y)), start, stop, tolerance)
+        for n, (x, y) in enumerate(place)
     ]
     rule = integrate_adaptively(
         energy,
@@ -144,15 +141,17 @@ def _slices_about(
     Slices whose fans pass at a distance d are no wider there than d, down to boxes that hold less than the tolerance.
     """
     bounds = np.linspace(start, stop, _slice_count(tolerance) + 1)
-    rho = np.linspace(point.telescope.pupil.obscuration, 1.0, 33)
+    rho = np.linspace(point.telescope.pupil.obscuration, 1.0, 65)
     while True:
         fans_x, fans_y = ray_fans(point.telescope, point.field, bounds)
         x, y = along_fans(fans_x, rho) - centre[0], along_fans(fans_y, rho) - centre[1]
         distance = np.hypot(x, y)
-        hop = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).max(axis=0)
-        near = np.maximum(distance.min(axis=0) - 0.5 * hop, math.sqrt(tolerance) * distance.max())
-        width = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).max(axis=0)
-        split = width > 2.0 * np.maximum(near[1:], near[:-1])
+        hop = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0))
+        # the fan may come closer between two of its points, by half the way from one to the next
+        closest = distance - 0.5 * np.maximum(np.vstack([hop, hop[-1]]), np.vstack([hop[0], hop]))
+        closest = np.maximum(closest, math.sqrt(tolerance) * distance.max())
+        width = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1))
+        split = np.any(width > 2.0 * np.maximum(closest[:, 1:], closest[:, :-1]), axis=0)
         if not split.any() or bounds.size > _MOST_FIRST_SLICES:
             return bounds
         bounds = np.sort(np.append(bounds, 0.5 * (bounds[:-1] + bounds[1:])[split]))

@@ -1,1 +1,1 @@
-""""""
+"""What a scene requires, decided before anything is computed."""

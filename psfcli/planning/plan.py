@@ -81,12 +81,11 @@ def plan_scene(
     scatter = tuple(scatter_table(surfaces, telescope, wavelength) for wavelength in wavelengths)
     spots = tuple(spot_statistics(telescope, field) for field in fields)
     boxes = default_half_widths(detector.pixel, detector.pixels) if half_widths is None else np.sort(half_widths)
-    centre = max((math.hypot(*point) for s in spots for point in ((s.chief_x, s.chief_y), (s.centroid_x, s.centroid_y))))
-    reach = math.sqrt(2.0) * float(boxes[-1]) + centre
+    reach = math.sqrt(2.0) * float(boxes[-1])
     if with_cube:
         x_start, x_stop, y_start, y_stop = detector.bounds()
         reach = max(reach, math.hypot(max(-x_start, x_stop), max(-y_start, y_stop)))
-    reach += max(math.hypot(max(-s.x_min, s.x_max), max(-s.y_min, s.y_max)) for s in spots)
+    reach += 2.0 * _largest_aberration(telescope, fields)
     planes = detector.sub_pixels**2 + (detector.pixels**2 if detector.oversample > 1 else 0)
     return Plan(
         telescope=telescope,
@@ -107,14 +106,30 @@ def plan_scene(
     )
 
 
+def _largest_aberration(telescope: Telescope, fields: Sequence[Field]) -> float:
+    """A bound of the transverse ray error within max_field, or to the farthest field beyond it [mm].
+
+    The same for every subset of the fields within max_field, so that a sweep in parts gives the numbers of the whole.
+    """
+    farthest = max([1.0, *(math.hypot(*telescope.relative_field(field)) for field in fields)])
+    W = telescope.seidel
+    slope = (
+        2.0 * abs(W.W020)
+        + 4.0 * abs(W.W040)
+        + 3.0 * abs(W.W131) * farthest
+        + 2.0 * (abs(W.W222) + abs(W.W220)) * farthest**2
+        + abs(W.W311) * farthest**3
+    )
+    return slope / telescope.image_slope
+
+
 def _remarks(telescope: Telescope, surfaces: Sequence[Surface], reach: float) -> list[str]:
     """Where the scene leaves what the model means."""
-    remarks = []
-    for surface in surfaces:
-        horizon = telescope.magnified_distance(surface.marginal_height)
-        if surface.psd and reach > 0.3 * horizon:
-            remarks.append(
-                f"{surface.name}: light {reach:.4g} mm from the image point was scattered by more than 17 degrees "
-                f"(d_j = {horizon:.4g} mm), outside the small angles of Eq. 36"
-            )
-    return remarks
+    rough = [telescope.magnified_distance(surface.marginal_height) for surface in surfaces if surface.psd]
+    limit = 0.3 * min(rough, default=math.inf)
+    if reach <= limit:
+        return []
+    return [
+        f"beyond {limit:.4g} mm from the image point (boxes or pixels reach {reach:.4g} mm) light was scattered by "
+        "more than 17 degrees, outside the small angles of Eq. 36"
+    ]

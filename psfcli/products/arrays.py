@@ -46,7 +46,7 @@ class Result:
         from psfcli.products.fits_tables import ensquared_header
 
         rows = np.concatenate(ensquared_rows(self.header, self.summaries))
-        columns = np.rec.fromarrays(rows.T, names=list(EE_COLUMNS))
+        columns = rows.view([(name, np.float64) for name in EE_COLUMNS])[:, 0]
         return _with_units(ensquared_header(self.header, len(rows)), columns)
 
     @property

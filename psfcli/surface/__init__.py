@@ -1,1 +1,1 @@
-""""""
+"""Polished surfaces: spectra, autocovariances, generalised Harvey-Shack scatter (Eq. 28, 29)."""

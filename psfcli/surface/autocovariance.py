@@ -115,5 +115,8 @@ def _debye_polynomials() -> tuple[Polynomial, ...]:
     """U_0 to U_8 of Debye's expansion, by their recurrence (DLMF 10.41.9)."""
     U = [Polynomial([1.0])]
     for _ in range(8):
-        U.append(Polynomial([0.0, 0.0, 0.5, 0.0, -0.5]) * U[-1].deriv() + (Polynomial([1.0, 0.0, -5.0]) * U[-1]).integ() / 8.0)
+        U.append(
+            Polynomial([0.0, 0.0, 0.5, 0.0, -0.5]) * U[-1].deriv()
+            + (Polynomial([1.0, 0.0, -5.0]) * U[-1]).integ() / 8.0
+        )
     return tuple(U)

@@ -17,7 +17,7 @@ Real = NDArray[np.float64]
 
 
 def phase_per_height(surface: Surface, wavelength: float) -> float:
-    """Phase [rad] that 1 mm of surface height gives the light, 2 pi (n' cos_s - n cos_i)/lambda; 4 pi/lambda for a mirror.
+    """Phase [rad] that 1 mm of surface height gives: 2 pi (n' cos_s - n cos_i)/lambda, 4 pi/lambda for a mirror.
 
     A mirror is a surface with n' = -n. ``incidence`` multiplies the phase by cos_i (contract: g by cos^2).
     """
@@ -36,7 +36,7 @@ def relative_variance(surface: Surface, wavelength: float) -> float:
 
 
 def phase_variance(surface: Surface, wavelength: float) -> float:
-    """g = (phase per height)^2 sigma_rel^2 [1]: the mean number of scatterings."""
+    """G = (phase per height)^2 sigma_rel^2 [1]: the mean number of scatterings."""
     return phase_per_height(surface, wavelength) ** 2 * relative_variance(surface, wavelength)
 
 

@@ -30,6 +30,7 @@ from scipy import special
 from psfcli.surface.autocovariance import autocovariance_off_axis, autocovariance_on_cut
 
 Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 _CORE_ANGLE = 2.0 * math.pi / 3.0
 _RAY_STEP = 0.1  # trapezoid step in ln tau: exp(-2 pi (pi/6)/0.1) = 5e-15 on the core ray
@@ -136,12 +137,15 @@ def _on_core_ray(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -
     return (np.exp(w) * w).dot(h).imag * (_RAY_STEP / math.pi)
 
 
-def _scattered_share(exponent: NDArray[np.complex128], total_variance: float) -> NDArray[np.complex128]:
+def _scattered_share(exponent: Complex, total_variance: float) -> Complex:
     """exp(-G) [exp(x) - 1], neither losing digits for small x nor overflowing for large G."""
-    exponent = np.where(exponent.real < _LOG_HUGE + total_variance, exponent, 0.0)
+    bounded = np.where(exponent.real < _LOG_HUGE + total_variance, exponent, 0.0)
+    share: Complex
     if total_variance < 1.0:
-        return math.exp(-total_variance) * np.expm1(exponent)
-    return np.exp(exponent - total_variance) - math.exp(-total_variance)
+        share = (math.exp(-total_variance) * np.expm1(bounded)).astype(np.complex128)
+    else:
+        share = (np.exp(bounded - total_variance) - math.exp(-total_variance)).astype(np.complex128)
+    return share
 
 
 def _on_cut(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -> Real:

@@ -28,9 +28,7 @@ class RoughSurface(NamedTuple):
 
     def beyond(self, wavelength: float) -> list[float]:
         """[1 + (B n'/lambda)^2]^((1-C)/2) per term: the share of its variance beyond the horizon."""
-        return [
-            math.exp(0.5 * (1.0 - t.C) * math.log1p((t.B * self.index / wavelength) ** 2)) for t in self.terms
-        ]
+        return [math.exp(0.5 * (1.0 - t.C) * math.log1p((t.B * self.index / wavelength) ** 2)) for t in self.terms]
 
 
 @dataclass(frozen=True)
