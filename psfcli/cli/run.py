@@ -106,12 +106,12 @@ def command(
         ctx.exit(3)
 
 
-def _progress(quiet: bool) -> tuple[Any, Callable[[int, int], None]]:
+def _progress(quiet: bool) -> tuple[Any, Callable[[int, int], None] | None]:
     """A progress bar on a terminal, and the callback that moves it; nothing elsewhere."""
     if quiet or not sys.stderr.isatty():
         from contextlib import nullcontext
 
-        return nullcontext(), lambda done, total: None
+        return nullcontext(), None
     bar = click.progressbar(length=1, label="images", file=sys.stderr)
 
     def move(done: int, total: int) -> None:

@@ -81,7 +81,7 @@ def moments_to(image: GeometricalImage, order: int) -> Real:
 
 
 def ray_spacing(width: Real, weight: Real, error: float) -> Real:
-    """The ray spacing [mm] at which Gaussians of ``width`` [mm] and ``weight`` err by less than ``error`` of all light."""
+    """The ray spacing [mm] at which Gaussians of ``width`` [mm] and ``weight`` err by less than ``error``."""
     return width * math.pi * np.sqrt(2.0 / np.log(np.maximum(2.0 * weight / error, math.e)))
 
 
@@ -103,7 +103,7 @@ def interval_integrals(start: Real, stop: Real, variance: Real, order: int) -> R
 
 
 def normal_probability(low: Real, high: Real) -> Real:
-    """The standard normal probability between ``low`` and ``high``, relative accuracy kept in both tails; their shape."""
+    """The normal probability between ``low`` and ``high``, relative accuracy kept in both tails; their shape."""
     flip = low + high > 0.0
     probability: Real = special.ndtr(np.where(flip, -low, high)) - special.ndtr(np.where(flip, -high, low))
     return probability

@@ -1,8 +1,8 @@
 """Ray fans cut where they cross the edges of cells.
 
-Along one pupil azimuth the landing point is a cubic in rho. Its crossings with the edges cut the radius into pieces that
-land in one cell each, of power proportional to the difference of rho^2: exact in radius, without ray noise, and without
-a density, so that a perfect image, a line focus and a caustic are as good as any. Lengths in mm.
+Along one pupil azimuth the landing point is a cubic in rho. Its crossings with the edges cut the radius into pieces
+that land in one cell each, of power proportional to the difference of rho^2: exact in radius, without ray noise and
+without a density, so that a perfect image, a line focus and a caustic are as good as any. Lengths in mm.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Pieces:
 def pieces_between(
     telescope: Telescope, field: Field, azimuth: Real, edges_x: Real, edges_y: Real, origin: Real | None = None
 ) -> Pieces:
-    """The fans along ``azimuth`` [rad] cut at every crossing with x in ``edges_x`` and y in ``edges_y``, both increasing.
+    """The fans along ``azimuth`` [rad] cut where x is one of ``edges_x`` or y one of ``edges_y``, both increasing.
 
     Edges and landing points count from the Gaussian image point or, for each fan, from its ``origin`` (2, azimuths).
     """

@@ -17,7 +17,7 @@ Real = NDArray[np.float64]
 
 
 def default_half_widths(pixel: float, pixels: int) -> Real:
-    """Half widths [mm]: ten per decade from 0.01 to 1000 pixels, and every whole-pixel box up to the window, increasing."""
+    """Half widths [mm], increasing: ten per decade from 0.01 to 1000 pixels, and every whole-pixel box."""
     decades = 10.0 ** np.linspace(-2.0, 3.0, 51)
     whole = 0.5 * np.arange(1, pixels + 1)
     return pixel * np.unique(np.round(np.concatenate([decades, whole]), 12))

@@ -10,18 +10,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from psfcli.image.quadrature import gauss_legendre
+from psfcli.image.quadrature import gauss_panels
 from psfcli.surface.harvey_shack import transfer_exponent
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.surface.surface import Surface
 from psfcli.telescope.system import Telescope
+from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
+
+_MOST_RIPPLES = 2000.0  # of J0 within reach; beyond, D is not resolved
+
+
+@dataclass(frozen=True, slots=True)
+class HorizonLoss:
+    """D(r) as wide Gaussians of either sign, and what the fit leaves: the largest error relative to the scatter,
+
+    and the energy in it.
+    """
+
+    mixture: GaussianMixture
+    left: Tolerance
 
 
 def horizon_loss(
@@ -31,17 +46,18 @@ def horizon_loss(
     scatter: GaussianMixture,
     reach: float,
     share: float,
-) -> GaussianMixture:
-    """D(r) for r <= ``reach`` [mm] as a few wide Gaussians of either sign; none where it is below ``share`` of S.
+) -> HorizonLoss:
+    """D(r) for r <= ``reach`` [mm]; no Gaussians where it is below ``share`` of the ``scatter`` it is taken from.
 
-    The fit's error is relative to the scatter it is taken from. Good to 1e-9 of S for reach up to about a third
-    of the smallest d_j; farther out the mixture itself must be checked by refinement.
+    Within d_j of every surface D is smooth and the fit good to 1e-9 of S. Farther out than some d_j, D replaces the
+    wing of that surface, which ends at its horizon, but for ripples of the clip that no Gaussian holds; they are left.
     """
     rough = [s for s in surfaces if any(term.sigma > 0.0 for term in s.psd)]
     distance = np.array([telescope.magnified_distance(s.marginal_height) for s in rough])
     separation = np.array([_clip_separation(s, wavelength) for s in rough])
     clip = separation / (wavelength * distance)  # q below which each surface's exponent is positive
-    radius = reach * np.linspace(0.0, 1.0, 33) ** 0.5
+    nearest = min(reach, 0.1 * float(distance.min()))
+    radius = np.concatenate([[0.0], nearest * np.linspace(0.1, 1.0, 32), np.geomspace(nearest, reach, 128)[1:]])
     density = scatter.density(radius)
     q, dq = _panels(np.unique(clip[clip > 0.0]), reach)
     exponents = np.array(
@@ -50,12 +66,23 @@ def horizon_loss(
     excess = np.exp(exponents.sum(axis=0)) - np.exp(np.minimum(exponents, 0.0).sum(axis=0))
     power = 2.0 * math.pi * q * excess * dq
     if power.sum() <= share * density[-1]:
-        return GaussianMixture(np.empty(0), np.empty(0))
+        return HorizonLoss(GaussianMixture(np.empty(0), np.empty(0)), Tolerance(0.0, 0.0))
     loss = special.j0(2.0 * math.pi * np.outer(radius, q)) @ power
-    variance = 1.0 / (2.0 * math.pi**2 * q[-1] ** 2 * np.array([0.05, 0.15, 0.3, 0.5, 0.75, 1.0]))
-    basis = np.exp(-0.5 * radius[:, None] ** 2 / variance) / density[:, None]
-    height = np.linalg.lstsq(basis, loss / density, rcond=1e-13)[0]
-    return GaussianMixture(2.0 * math.pi * variance * height, variance)
+    narrowest = 1.0 / (2.0 * math.pi * q[-1])
+    widths = narrowest * np.geomspace(0.5, max(4.0, 2.0 * reach / narrowest), _gaussians(reach / narrowest))
+    basis = np.exp(-0.5 * np.divide.outer(radius, widths) ** 2)
+    true = np.maximum(density - loss, 1e-3 * density)  # what the error is relative to
+    height = np.linalg.lstsq(basis / true[:, None], loss / true, rcond=1e-13)[0]
+    left = np.abs(basis @ height - loss)
+    return HorizonLoss(
+        GaussianMixture(2.0 * math.pi * widths**2 * height, widths**2),
+        Tolerance(float(np.max(left / true)), float(np.trapezoid(2.0 * math.pi * radius * left, radius))),
+    )
+
+
+def _gaussians(span: float) -> int:
+    """How many Gaussians the fit takes: a few within the horizon, five per factor e beyond."""
+    return 8 + 5 * math.ceil(math.log(max(span, 1.0)))
 
 
 def _clip_separation(surface: Surface, wavelength: float) -> float:
@@ -73,8 +100,8 @@ def _clip_separation(surface: Surface, wavelength: float) -> float:
 
 def _panels(breaks: Real, reach: float) -> tuple[Real, Real]:
     """Gauss nodes and weights from 0 through the ``breaks``; the first panel resolves the branch point at q = 0."""
-    count = 48 + math.ceil(4.0 * reach * float(breaks.max(initial=0.0)))
-    x, w = gauss_legendre(count)
+    count = 48 + math.ceil(4.0 * min(reach * float(breaks.max(initial=0.0)), _MOST_RIPPLES))
+    x, w = gauss_panels(count)
     x, w = 0.5 * (x + 1.0), 0.5 * w
     nodes, weights = [], []
     start = 0.0

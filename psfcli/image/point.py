@@ -67,9 +67,10 @@ def field_image(
     outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
     psf = psf_over = None
     pixel_error = 0.0
+    ee_error += halo.left.ee
     if with_cube:
         fine = scattered_image(point, halo.mixture, detector, tolerance)
-        pixel_error = _scatter_error(fine, point, scatter.finer, detector, tolerance)
+        pixel_error = halo.left.pixel + _scatter_error(fine, point, scatter.finer, detector, tolerance)
         unscattered_error = add_unscattered(fine, point, halo.specular_fraction, detector, tolerance)
         if unscattered_error > tolerance.ee:
             pixel_error += (unscattered_error - tolerance.ee) / float(fine.max())

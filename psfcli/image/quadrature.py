@@ -47,7 +47,21 @@ class Rule:
 
 
 def integrate_adaptively(functions: Callable[[Real], Real], left: Real, right: Real, tolerance: float) -> Rule:
-    """A rule for the integral of ``functions`` over slices from ``left`` to ``right``, halved until it is exact enough.
+    """A rule for the integral of ``functions`` over slices from ``left`` to ``right``, within ``tolerance`` for each.
+
+    Slices are judged one by one, and many small errors may add up to a large one: then all is done again, more
+    strictly. The rule's error exceeds the tolerance only where it would take more than a reasonable number of nodes.
+    """
+    strictness = 1.0
+    while True:
+        rule = _halved_until(functions, left, right, tolerance / strictness)
+        if rule.error <= tolerance or rule.node.size > _MOST_NODES:
+            return rule
+        strictness *= 2.0 * max(2.0, rule.error / tolerance)
+
+
+def _halved_until(functions: Callable[[Real], Real], left: Real, right: Real, tolerance: float) -> Rule:
+    """A rule made by halving slices until each is within its share of ``tolerance``.
 
     ``functions`` maps points (n,) to values (n, functions). Each slice is integrated by Simpson's rule and by that
     on its halves: closed rules, so that a kink always lies between two points that were seen. The error is the sum

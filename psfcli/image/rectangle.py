@@ -18,7 +18,7 @@ Real = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Rectangles:
-    """``x_start`` to ``x_stop``, ``y_start`` to ``y_stop`` about the Gaussian image point, each of shape [rectangle]."""
+    """From ``x_start`` to ``x_stop`` and ``y_start`` to ``y_stop``, each of shape [rectangle]."""
 
     x_start: Real
     x_stop: Real

@@ -28,12 +28,14 @@ Real = NDArray[np.float64]
 class Halo:
     """Scattered light as a mixture that holds for distances up to ``reach`` [mm], and the unscattered share.
 
-    The mixture integrates to the scattered light only together with what lies beyond ``reach``.
+    The mixture integrates to the scattered light only together with what lies beyond ``reach``. ``left`` is the error
+    that refining it does not show.
     """
 
     mixture: GaussianMixture
     specular_fraction: float
     reach: float
+    left: Tolerance = Tolerance(0.0, 0.0)
 
 
 def scatter_table(surfaces: Sequence[Surface], telescope: Telescope, wavelength: float) -> tuple[SurfaceScatter, ...]:
@@ -92,9 +94,12 @@ def scattered_light(
     mixture = _merge_wide_terms(GaussianMixture(weight, variance), reach)
     loss = horizon_loss(surfaces, telescope, wavelength, mixture, reach, share)
     return Halo(
-        GaussianMixture(np.append(mixture.weight, -loss.weight), np.append(mixture.variance, loss.variance)),
+        GaussianMixture(
+            np.append(mixture.weight, -loss.mixture.weight), np.append(mixture.variance, loss.mixture.variance)
+        ),
         specular_fraction,
         reach,
+        loss.left,
     )
 
 

@@ -49,7 +49,7 @@ def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, t
         return light.reshape(-1, modulus)
 
     start, stop = _azimuths(point, half=symmetric)
-    bounds = np.linspace(start, stop, _slice_count(tolerance) + 1)
+    bounds = np.linspace(start, stop, _slice_count(start, stop, tolerance) + 1)
     modulus = min(rows * columns, _BUCKETS)
     rule = integrate_adaptively(
         lambda azimuth: per_fan(azimuth, modulus), bounds[:-1], bounds[1:], tolerance * (stop - start)
@@ -124,13 +124,13 @@ def _azimuths(point: GeometricalImage, *, half: bool) -> tuple[float, float]:
     return point.telescope.pupil.sector
 
 
-def _slice_count(tolerance: float) -> int:
-    """Slices so narrow that no fold of the image that just touches an edge is missed by their fans.
+def _slice_count(start: float, stop: float, tolerance: float) -> int:
+    """Slices from ``start`` to ``stop`` so narrow that no fold that just touches an edge is missed by their fans.
 
-    Such a fold, delta wide in azimuth, holds of the order of delta^2. A multiple of 4: slices end where fans jump from
-    one side of an edge to the other.
+    Such a fold, delta wide in azimuth, holds about delta^2/2. Four fans are seen of each slice. A multiple of 4: slices
+    end where fans jump from one side of an edge to the other.
     """
-    return 4 * math.ceil(0.25 * max(_FEWEST_SLICES, 0.1 / math.sqrt(tolerance)))
+    return 4 * math.ceil(0.25 * max(_FEWEST_SLICES, 0.2 * (stop - start) / math.sqrt(tolerance)))
 
 
 def _slices_about(
@@ -140,7 +140,7 @@ def _slices_about(
 
     Slices whose fans pass at a distance d are no wider there than d, down to boxes that hold less than the tolerance.
     """
-    bounds = np.linspace(start, stop, _slice_count(tolerance) + 1)
+    bounds = np.linspace(start, stop, _slice_count(start, stop, tolerance) + 1)
     rho = np.linspace(point.telescope.pupil.obscuration, 1.0, 65)
     while True:
         fans_x, fans_y = ray_fans(point.telescope, point.field, bounds)
