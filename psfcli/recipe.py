@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_all_start_methods, get_context
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
@@ -17,13 +18,12 @@ from psfcli.image.point import WavelengthScatter, field_image, wavelength_scatte
 from psfcli.planning.plan import Plan, plan_scene
 from psfcli.products.arrays import Result, gather
 from psfcli.products.header import RunHeader
-from psfcli.products.writer import FORMATS, ProductWriter
+from psfcli.products.target import FORMATS
+from psfcli.products.writer import ProductWriter
 from psfcli.surface.mixture import MixtureError
 from psfcli.tolerance import Tolerance
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from psfcli.config.model import System
     from psfcli.image.result import FieldImage
 
@@ -157,16 +157,17 @@ def run(system: System, jobs: int = 1) -> Result:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a run left: the files written, remarks for the user, and the worst errors reached."""
+    """What a run left: the files written, remarks for the user, the worst errors reached, and the time it took [s]."""
 
     paths: tuple[Path, ...]
     notes: tuple[str, ...]
     reached: Tolerance
+    seconds: float
 
 
 def write(
     system: System,
-    directory: Path,
+    directory: str | Path,
     *,
     formats: Sequence[str] = FORMATS,
     overwrite: bool = False,
@@ -191,14 +192,15 @@ def write(
     worst = Tolerance(0.0, 0.0)
     total = len(scene.wavelengths) * len(scene.fields)
     about = header(system, scene, command=command, input_name=input_name, input_sha256=input_sha256)
-    with ProductWriter(directory, about, formats, overwrite=overwrite) as products:
+    with ProductWriter(Path(directory), about, formats, overwrite=overwrite) as products:
         for done, (w, f, image) in enumerate(images(scene, jobs), start=1):
             products.add(w, f, image)
             worst = Tolerance(max(worst.pixel, image.reached.pixel), max(worst.ee, image.reached.ee))
             if progress is not None:
                 progress(done, total)
-        products.timings = {"seconds": time.perf_counter() - started}
-    return Outcome(products.paths, (*scene.warnings, *products.notes), worst)
+        seconds = time.perf_counter() - started
+        products.timings = {"seconds": seconds}
+    return Outcome(products.paths, (*scene.warnings, *products.notes), worst, seconds)
 
 
 def formats_with_cube(formats: Sequence[str]) -> bool:

@@ -140,7 +140,7 @@ def transform(g: float, C: float, b: np.ndarray, error: float = 1e-13) -> np.nda
     nu = (C - 1.0) / 2.0
     step = trapezoid_step(error, nu, g)
     v = np.exp(np.arange(math.log(0.5 / (nu + 60.0)), math.log(1e4 * b.max() ** 2 / error), step))
-    return GaussianMixture(step * mixing_density(v, [ScatterTerm(g, 1.0, nu)], g), v).density(b)
+    return GaussianMixture(step * mixing_density(v, [ScatterTerm(g, 1.0, nu)], g)[0], v).density(b)
 
 
 def test_bsdf_values_of_the_papers_tis_at_C_1_5():

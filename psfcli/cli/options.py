@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
+from psfcli.products import FORMATS
 from psfcli.tolerance import PRESETS, Tolerance
 
-FORMATS = ("fits", "exr", "csv")
 _SIZES = {"kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KiB": 2.0**10, "MiB": 2.0**20, "GiB": 2.0**30, "TiB": 2.0**40}
 
 
@@ -48,7 +48,7 @@ class MemorySize(click.ParamType[float]):
                     continue
                 if 0.0 < size < float("inf"):
                     return size
-        self.fail(f"{text!r} is no size; write a number of bytes or one such as 500MB, 4GB, 2GiB", param, ctx)
+        return self.fail(f"{text!r} is no size; write a number of bytes or one such as 500MB, 4GB, 2GiB", param, ctx)
 
     @staticmethod
     def default() -> float:
@@ -75,7 +75,7 @@ def system_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def accuracy(name: str | None, pixel_error: float | None, ee_error: float | None) -> Tolerance | str | None:
-    """The accuracy the options ask for; None: that of the system file. Raises UsageError for half a pair or both ways."""
+    """The accuracy asked for; None: that of the system file. Raises UsageError for half a pair or both ways."""
     if (pixel_error is None) != (ee_error is None):
         raise click.UsageError("--pixel-error and --ee-error come together")
     if pixel_error is None or ee_error is None:

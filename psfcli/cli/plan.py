@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from psfcli.cli.options import FORMATS, Formats, accuracy, system_options
+from psfcli.cli.options import Formats, accuracy, system_options
 from psfcli.config import load
+from psfcli.products import FORMATS
 
 if TYPE_CHECKING:
     from psfcli.config import System

@@ -12,8 +12,9 @@ from typing import Any
 
 import click
 
-from psfcli.cli.options import FORMATS, Formats, MemorySize, accuracy, system_options
+from psfcli.cli.options import Formats, MemorySize, accuracy, system_options
 from psfcli.config import load
+from psfcli.products import FORMATS
 
 _WORTH_A_POOL = 24  # images: fewer are done before processes have started
 
@@ -33,7 +34,7 @@ _WORTH_A_POOL = 24  # images: fewer are done before processes have started
 @click.option("--overwrite", is_flag=True, help="Replace the products that stand in DIR.")
 @click.option("--dry-run", is_flag=True, help="Say what would be computed, as psfcli plan does; write nothing.")
 @click.option("-q", "--quiet", is_flag=True, help="No reports on stderr but errors.")
-@click.option("-v", "--verbose", is_flag=True, help="More reports on stderr.")
+@click.option("-v", "--verbose", is_flag=True, help="Report time and processes too.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -55,7 +56,7 @@ def command(
     """Compute PSF cubes and ensquared energy for every wavelength and field of CONFIG (- for standard input).
 
     Prints the paths written. Exit status: 0 done, 1 failed, 2 fault in the usage or the system file, 3 the accuracy
-    asked for was not met (the products say so), 4 the output exists or cannot be written.
+    asked for was not met (the products say so), 4 the output exists or cannot be written, 130 interrupted.
     """
     system = load(config, overrides, fields or None, accuracy(accuracy_name, pixel_error, ee_error))
     images = len(system.fields) * len(system.wavelengths)
@@ -94,11 +95,10 @@ def command(
     for note in outcome.notes:
         say(f"note: {note}")
     asked, reached = system.tolerance, outcome.reached
-    if verbose or not quiet:
-        say(
-            f"reached: pixel error {reached.pixel:.2g} (asked {asked.pixel:.2g}), ensquared energy {reached.ee:.2g} "
-            f"(asked {asked.ee:.2g})"
-        )
+    pixels = f"pixel error {reached.pixel:.2g} (asked {asked.pixel:.2g}), " if recipe.formats_with_cube(formats) else ""
+    say(f"reached: {pixels}ensquared energy {reached.ee:.2g} (asked {asked.ee:.2g})")
+    if verbose:
+        say(f"{images} images by {jobs} process{'es' * (jobs > 1)}, {outcome.seconds:.2f} s beyond start-up")
     for path in outcome.paths:
         click.echo(path)
     if reached.pixel > asked.pixel or reached.ee > asked.ee:

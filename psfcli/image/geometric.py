@@ -153,8 +153,8 @@ def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -
     says so.
     """
     start, stop = image.telescope.pupil.sector
-    radii = 4 + image.radial_length / spacing
-    azimuths = 6 + 0.8 * (stop - start) * image.azimuthal_length / spacing
+    radii = 4 + 1.2 * image.radial_length / spacing
+    azimuths = 6 + (stop - start) * image.azimuthal_length / spacing
     thinning = math.sqrt(max(1.0, radii * azimuths / MOST_RAYS))
     return ray_bundle(
         image.telescope,

@@ -63,39 +63,37 @@ def integrate_adaptively(functions: Callable[[Real], Real], left: Real, right: R
 def _halved_until(functions: Callable[[Real], Real], left: Real, right: Real, tolerance: float) -> Rule:
     """A rule made by halving slices until each is within its share of ``tolerance``.
 
-    ``functions`` maps points (n,) to values (n, functions). Each slice is integrated by Simpson's rule and by that
-    on its halves: closed rules, so that a kink always lies between two points that were seen. The error is the sum
-    of the changes over all slices, for the worst function, less what the last halving gained.
+    Each slice is integrated by Simpson's rule and by that on its halves: closed rules, so that a kink always lies
+    between two points that were seen. The error is the sum of the changes over all slices, for the worst function,
+    less what the last halving gained.
     """
     whole = float(np.sum(right - left))
-    value_left, value_middle, value_right = np.split(functions(np.concatenate([left, 0.5 * (left + right), right])), 3)
-    integral, doubt = np.zeros(value_left.shape[1]), np.zeros(value_left.shape[1])
-    nodes, weights = [], []
-    count = 3 * left.size
-    while left.size:
-        ends = []
-        for first in range(0, left.size, _SLICES_AT_ONCE):
-            part = slice(first, first + _SLICES_AT_ONCE)
-            a, b = left[part], right[part]
-            fa, fm, fb = value_left[part], value_middle[part], value_right[part]
+    nodes: list[Real] = []
+    weights: list[Real] = []
+    integral = doubt = np.zeros(1)
+    count = 0
+    for first in range(0, left.size, _SLICES_AT_ONCE):  # a few slices at a time, to the end: little is held
+        a, b = left[first : first + _SLICES_AT_ONCE], right[first : first + _SLICES_AT_ONCE]
+        fa, fm, fb = np.split(functions(np.concatenate([a, 0.5 * (a + b), b])), 3)
+        count += 3 * a.size
+        while a.size:
             middle = 0.5 * (a + b)
             fl, fr = np.split(functions(np.concatenate([0.5 * (a + middle), 0.5 * (middle + b)])), 2)
+            count += 2 * a.size
             twelfth = ((b - a) / 12.0)[:, None]
             change = np.abs(twelfth * (4.0 * (fl + fr) - fa - fb - 6.0 * fm))
-            share = np.maximum((b - a) / whole, _LEAST_SHARE)
-            done = change.max(axis=1) <= tolerance * share
-            if count > _MOST_NODES:
-                done[:] = True
-            doubt += change[done].sum(axis=0)
-            integral += (twelfth * (fa + 4.0 * (fl + fr) + 2.0 * fm + fb))[done].sum(axis=0)
+            done = change.max(axis=1) <= tolerance * np.maximum((b - a) / whole, _LEAST_SHARE)
+            done |= count > _MOST_NODES
+            doubt = doubt + change[done].sum(axis=0)
+            integral = integral + (twelfth * (fa + 4.0 * (fl + fr) + 2.0 * fm + fb))[done].sum(axis=0)
             for place, weight in ((0.0, 1.0), (0.25, 4.0), (0.5, 2.0), (0.75, 4.0), (1.0, 1.0)):
                 nodes.append((a + place * (b - a))[done])
                 weights.append((weight / 12.0 * (b - a))[done])
             more = ~done
-            ends.append((a[more], middle[more], fa[more], fl[more], fm[more]))
-            ends.append((middle[more], b[more], fm[more], fr[more], fb[more]))
-            count += 2 * int(np.count_nonzero(more))
-        left, right, value_left, value_middle, value_right = (
-            np.concatenate(column) for column in zip(*ends, strict=True)
-        )
+            a, b = np.concatenate([a[more], middle[more]]), np.concatenate([middle[more], b[more]])
+            fa, fm, fb = (
+                np.concatenate([fa[more], fm[more]]),
+                np.concatenate([fl[more], fr[more]]),
+                np.concatenate([fm[more], fb[more]]),
+            )
     return Rule(np.concatenate(nodes), np.concatenate(weights), integral, float(doubt.max(initial=0.0)) / _KINK_GAIN)

@@ -29,13 +29,13 @@ class Halo:
     """Scattered light as a mixture that holds for distances up to ``reach`` [mm], and the unscattered share.
 
     The mixture integrates to the scattered light only together with what lies beyond ``reach``. ``left`` is the error
-    that refining it does not show.
+    that a finer mixture does not show.
     """
 
     mixture: GaussianMixture
     specular_fraction: float
     reach: float
-    left: Tolerance = Tolerance(0.0, 0.0)
+    left: Tolerance
 
 
 def scatter_table(surfaces: Sequence[Surface], telescope: Telescope, wavelength: float) -> tuple[SurfaceScatter, ...]:
@@ -79,7 +79,7 @@ def scattered_light(
     terms = scatter_terms(surfaces, telescope, wavelength)
     specular_fraction = math.exp(-total_variance)
     if not terms:
-        return Halo(GaussianMixture(np.empty(0), np.empty(0)), specular_fraction, reach)
+        return Halo(GaussianMixture(np.empty(0), np.empty(0)), specular_fraction, reach, Tolerance(0.0, 0.0))
     # energies average the mixture's error over radius: they keep a hundredth of it
     share = min(0.3 * tolerance.pixel, 10.0 * tolerance.ee)
     step = trapezoid_step(share, max(term.nu for term in terms), total_variance)
@@ -89,8 +89,8 @@ def scattered_light(
     # terms wider than all this add a pedestal smaller than the error allowed at the farthest distance
     high = max(reach, *(term.width for term in terms)) ** 2 * share ** (-1.0 / (1.0 + flattest))
     variance = np.exp(np.arange(math.log(low), math.log(high), step))
-    weight = step * mixing_density(variance, terms, total_variance)
-    weight, variance = _without_empty_core(weight, variance, share)
+    density, doubt = mixing_density(variance, terms, total_variance)
+    weight, variance = _without_empty_core(step * density, variance, share)
     mixture = _merge_wide_terms(GaussianMixture(weight, variance), reach)
     loss = horizon_loss(surfaces, telescope, wavelength, mixture, reach, share)
     return Halo(
@@ -99,7 +99,7 @@ def scattered_light(
         ),
         specular_fraction,
         reach,
-        loss.left,
+        Tolerance(loss.left.pixel + doubt, loss.left.ee + doubt * (1.0 - specular_fraction)),
     )
 
 

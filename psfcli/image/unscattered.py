@@ -130,7 +130,7 @@ def _slice_count(start: float, stop: float, tolerance: float) -> int:
     Such a fold, delta wide in azimuth, holds about delta^2/2. Four fans are seen of each slice. A multiple of 4: slices
     end where fans jump from one side of an edge to the other.
     """
-    return 4 * math.ceil(0.25 * max(_FEWEST_SLICES, 0.2 * (stop - start) / math.sqrt(tolerance)))
+    return 4 * math.ceil(0.25 * max(_FEWEST_SLICES, 0.1 * (stop - start) / math.sqrt(tolerance)))
 
 
 def _slices_about(

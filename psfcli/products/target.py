@@ -10,6 +10,7 @@ from psfcli.products.atomic import TEMPORARY, OutputError
 if TYPE_CHECKING:
     from pathlib import Path
 
+FORMATS = ("fits", "exr", "csv")
 FITS = "psf.fits"
 EE_TABLE = "ee.csv"
 MANIFEST = "manifest.json"

@@ -9,7 +9,7 @@ from psfcli.products.atomic import OutputError, Stage, output_errors
 from psfcli.products.header import ImageSummary
 from psfcli.products.manifest import manifest
 from psfcli.products.tables import ensquared_rows, write_csv
-from psfcli.products.target import EE_TABLE, FITS, MANIFEST, check_target, products_in
+from psfcli.products.target import EE_TABLE, FITS, FORMATS, MANIFEST, check_target, products_in
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from psfcli.products.exr import ExrProduct
     from psfcli.products.fits import FitsProduct
     from psfcli.products.header import RunHeader
-
-FORMATS = ("fits", "exr", "csv")
 
 
 class ProductWriter:
