@@ -46,22 +46,22 @@ def scattered_image(
 
 
 def add_unscattered(
-    image: Real, point: GeometricalImage, specular_fraction: float, detector: Detector, tolerance: Tolerance
+    image: Real, point: GeometricalImage, weight: float, detector: Detector, tolerance: Tolerance
 ) -> float:
-    """Add exp(-G) PSF_G to ``image``; returns its estimated error in any sub-pixel, as a fraction of all light."""
+    """Add PSF_G, ``weight`` of all light, to ``image``; returns its estimated error in the worst sub-pixel."""
     edges_x, edges_y = detector.edges(0), detector.edges(1)
     rows = _span(edges_y, point.spot.y_min, point.spot.y_max)
     columns = _span(edges_x, point.spot.x_min, point.spot.x_max)
-    if specular_fraction == 0.0 or rows.stop <= rows.start or columns.stop <= columns.start:
+    if weight == 0.0 or rows.stop <= rows.start or columns.stop <= columns.start:
         return 0.0
     unscattered, error = unscattered_on_grid(
         point,
         edges_x[columns.start : columns.stop + 1],
         edges_y[rows.start : rows.stop + 1],
-        0.3 * tolerance.ee / specular_fraction,
+        0.3 * tolerance.ee / weight,
     )
-    image[rows, columns] += specular_fraction * unscattered
-    return specular_fraction * error
+    image[rows, columns] += weight * unscattered
+    return weight * error
 
 
 def _add_by_moments(

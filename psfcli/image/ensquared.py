@@ -26,7 +26,7 @@ def default_half_widths(pixel: float, pixels: int) -> Real:
 def unaberrated_energy(halo: Halo, half_width: Real) -> Real:
     """Ensquared energy without aberrations, the specular point included: shape of ``half_width``."""
     box = half_width[:, None] / np.sqrt(halo.mixture.variance)
-    energy: Real = halo.specular_fraction + normal_probability(-box, box) ** 2 @ halo.mixture.weight
+    energy: Real = halo.unscattered_weight + normal_probability(-box, box) ** 2 @ halo.mixture.weight
     return energy
 
 
@@ -49,13 +49,13 @@ def ensquared_energy(
     scattered = scattered_in_rectangles(point, halo.mixture, boxes, Tolerance(pixel=1.0, ee=tolerance.ee))
     shares = dict(zip(distinct, np.split(scattered, len(distinct)), strict=True))
     energy, error = dict(shares), 0.0
-    if halo.specular_fraction > 0.0:
+    if halo.unscattered_weight > 0.0:
         unscattered, error = unscattered_in_boxes(
-            point, distinct, half_width, 0.5 * tolerance.ee / halo.specular_fraction
+            point, distinct, half_width, 0.5 * tolerance.ee / halo.unscattered_weight
         )
         for centre, inside in zip(distinct, unscattered, strict=True):
-            energy[centre] = shares[centre] + halo.specular_fraction * inside
-        error *= halo.specular_fraction
+            energy[centre] = shares[centre] + halo.unscattered_weight * inside
+        error *= halo.unscattered_weight
     # a box that holds all may come out above 1 by the error allowed
     ee, chief, centroid = (np.minimum(energy[centre], 1.0) for centre in centres)
     unaberrated = np.minimum(unaberrated_energy(halo, half_width), 1.0)

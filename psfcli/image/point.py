@@ -67,11 +67,12 @@ def field_image(
     outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
     psf = psf_over = None
     pixel_error = 0.0
-    ee_error += halo.left.ee
+    ee_error += halo.left.ee + halo.collapse_error(float(half_width[0]))
     if with_cube:
         fine = scattered_image(point, halo.mixture, detector, tolerance)
-        pixel_error = halo.left.pixel + _scatter_error(fine, point, scatter.finer, detector, tolerance)
-        unscattered_error = add_unscattered(fine, point, halo.specular_fraction, detector, tolerance)
+        pixel_error = halo.left.pixel + halo.collapse_error(detector.sub_pixel)
+        pixel_error += _scatter_error(fine, point, scatter.finer, detector, tolerance)
+        unscattered_error = add_unscattered(fine, point, halo.unscattered_weight, detector, tolerance)
         if unscattered_error > tolerance.ee:
             pixel_error += (unscattered_error - tolerance.ee) / float(fine.max())
         n, m = detector.pixels, detector.oversample

@@ -23,19 +23,28 @@ from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
 
+_COLLAPSED = 2e-4  # d_j over reach below which a surface's scatter is a point (limit h2 -> 0 of Eq. 37)
+
 
 @dataclass(frozen=True, slots=True)
 class Halo:
     """Scattered light as a mixture that holds for distances up to ``reach`` [mm], and the unscattered share.
 
     The mixture integrates to the scattered light only together with what lies beyond ``reach``. ``left`` is the error
-    that a finer mixture does not show.
+    that a finer mixture does not show. ``collapsed`` are the TIS and d_j [mm] of surfaces so near the image that all
+    their light stays on the unscattered point; ``unscattered_weight`` includes it, ``specular_fraction`` does not.
     """
 
     mixture: GaussianMixture
     specular_fraction: float
+    unscattered_weight: float
     reach: float
     left: Tolerance
+    collapsed: tuple[tuple[float, float], ...]
+
+    def collapse_error(self, length: float) -> float:
+        """The light, of all, that the collapse may move across an edge of a cell or box of size ``length`` [mm]."""
+        return sum(tis * min(1.0, d / length) for tis, d in self.collapsed)
 
 
 def scatter_table(surfaces: Sequence[Surface], telescope: Telescope, wavelength: float) -> tuple[SurfaceScatter, ...]:
@@ -75,11 +84,17 @@ def scattered_light(
 
     ``tolerance.ee``, both within a fraction that leaves room for the other steps.
     """
+    rows = scatter_table(surfaces, telescope, wavelength)
+    near = [row.magnified_distance < _COLLAPSED * reach for row in rows]
+    collapsed = tuple((row.tis, row.magnified_distance) for row, is_near in zip(rows, near, strict=True) if is_near)
+    surfaces = [surface for surface, is_near in zip(surfaces, near, strict=True) if not is_near]
     total_variance = sum(phase_variance(surface, wavelength) for surface in surfaces)
     terms = scatter_terms(surfaces, telescope, wavelength)
-    specular_fraction = math.exp(-total_variance)
+    specular_fraction = math.exp(-sum(row.g for row in rows))
+    unscattered_weight = math.exp(-total_variance)
     if not terms:
-        return Halo(GaussianMixture(np.empty(0), np.empty(0)), specular_fraction, reach, Tolerance(0.0, 0.0))
+        nothing = GaussianMixture(np.empty(0), np.empty(0))
+        return Halo(nothing, specular_fraction, unscattered_weight, reach, Tolerance(0.0, 0.0), collapsed)
     # energies average the mixture's error over radius: they keep a hundredth of it
     share = min(0.3 * tolerance.pixel, 10.0 * tolerance.ee)
     step = trapezoid_step(share, max(term.nu for term in terms), total_variance)
@@ -98,8 +113,10 @@ def scattered_light(
             np.append(mixture.weight, -loss.mixture.weight), np.append(mixture.variance, loss.mixture.variance)
         ),
         specular_fraction,
+        unscattered_weight,
         reach,
-        Tolerance(loss.left.pixel + doubt, loss.left.ee + doubt * (1.0 - specular_fraction)),
+        Tolerance(loss.left.pixel + doubt, loss.left.ee + doubt * (1.0 - unscattered_weight)),
+        collapsed,
     )
 
 
