@@ -105,10 +105,13 @@ def _root_between(cubics: Real, start: Real, stop: Real) -> Real:
 
     Good to rounding; at a root about to become double that is the square root of rounding, in rho.
     """
-    root = 0.5 * (start + stop)
-    active = np.arange(root.size)
     low, high = start, stop
-    rising = _cubic(cubics, high) > _cubic(cubics, low)
+    at_low, at_high = _cubic(cubics, low), _cubic(cubics, high)
+    rising = at_high > at_low
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fraction = at_low / (at_low - at_high)
+    root = low + (high - low) * np.clip(np.nan_to_num(fraction, nan=0.5), 0.02, 0.98)
+    active = np.arange(root.size)
     noise = 4.0 * np.finfo(np.float64).eps * np.abs(cubics).sum(axis=0)
     for _ in range(_LAGUERRE_STEPS):
         if active.size == 0:

@@ -43,7 +43,9 @@ def wavelength_scatter(
     halo = scattered_light(surfaces, telescope, wavelength, reach, tolerance)
     finer = scattered_light(surfaces, telescope, wavelength, reach, _finer(tolerance))
     rough = halo.mixture.weight.size > 0
-    return WavelengthScatter(halo, finer, encircled_energy(surfaces, telescope, wavelength) if rough else None)
+    return WavelengthScatter(
+        halo, finer, encircled_energy(surfaces, telescope, wavelength, tolerance) if rough else None
+    )
 
 
 def field_image(

@@ -74,8 +74,9 @@ def _halved_until(functions: Callable[[Real], Real], left: Real, right: Real, to
     count = 0
     for first in range(0, left.size, _SLICES_AT_ONCE):  # a few slices at a time, to the end: little is held
         a, b = left[first : first + _SLICES_AT_ONCE], right[first : first + _SLICES_AT_ONCE]
-        fa, fm, fb = np.split(functions(np.concatenate([a, 0.5 * (a + b), b])), 3)
-        count += 3 * a.size
+        point, where = np.unique(np.concatenate([a, 0.5 * (a + b), b]), return_inverse=True)
+        fa, fm, fb = np.split(functions(point)[where], 3)
+        count += point.size
         while a.size:
             middle = 0.5 * (a + b)
             fl, fr = np.split(functions(np.concatenate([0.5 * (a + middle), 0.5 * (middle + b)])), 2)
