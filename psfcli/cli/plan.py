@@ -92,6 +92,11 @@ def _wavelength(scene: Plan, w: int, tried: Sequence[Trial]) -> Iterator[str]:
     for trial in tried:
         field, spot = scene.fields[trial.field_index], trial.image.spot
         yield (
-            f"  {scale * field.radius:9.4g}  {1e3 * spot.centroid_x:9.3f} {1e3 * spot.centroid_y:9.3f}  "
+            f"  {scale * field.radius:9.4g}  {_um(spot.centroid_x):9.3f} {_um(spot.centroid_y):9.3f}  "
             f"{1e3 * spot.rms_x:9.3f} {1e3 * spot.rms_y:8.3f}  {trial.image.power_outside:17.4%}"
         )
+
+
+def _um(length: float) -> float:
+    """A length [mm] in um, to three decimals, with no minus before a zero."""
+    return round(1e3 * length, 3) + 0.0

@@ -110,7 +110,9 @@ def outside_window(
         cell, _ = unscattered_on_grid(point, edges_x, edges_y, 0.3 * tolerance.ee / halo.specular_fraction)
         outside += halo.specular_fraction * (1.0 - float(cell[0, 0]))
     if encircled is not None:
-        core_width = math.sqrt(float(halo.mixture.variance[0]))
+        # rays as close as the narrowest core that holds light worth the tolerance
+        first = int(np.searchsorted(np.cumsum(np.maximum(halo.mixture.weight, 0.0)), 0.1 * tolerance.ee))
+        core_width = math.sqrt(float(halo.mixture.variance[min(first, halo.mixture.weight.size - 1)]))
         inside = _scattered_inside(point, encircled, core_width, window)
         outside += (1.0 - halo.specular_fraction) - inside
     return outside
