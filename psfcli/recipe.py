@@ -186,7 +186,7 @@ def write(
     scene = plan(system, with_cube=formats_with_cube(formats), jobs=jobs)
     if scene.memory > max_memory:
         raise SceneError(
-            f"the run needs {scene.memory:.3g} bytes of memory and may use {max_memory:.3g}; "
+            f"the run needs {1e-6 * scene.memory:.0f} MB of memory and may use {1e-6 * max_memory:.0f} MB; "
             "fewer pixels, a smaller oversample, fewer jobs or a larger --max-memory would do"
         )
     worst = Tolerance(0.0, 0.0)

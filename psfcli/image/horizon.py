@@ -21,7 +21,6 @@ from psfcli.surface.harvey_shack import transfer_exponent
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.surface.surface import Surface
 from psfcli.telescope.system import Telescope
-from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
 
@@ -30,13 +29,15 @@ _MOST_RIPPLES = 2000.0  # of J0 within reach; beyond, D is not resolved
 
 @dataclass(frozen=True, slots=True)
 class HorizonLoss:
-    """D(r) as wide Gaussians of either sign, and what the fit leaves: the largest error relative to the scatter,
+    """D(r) as wide Gaussians of either sign, and what the fit leaves at distances ``radius`` [mm].
 
-    and the energy in it.
+    ``left`` is relative to the scatter, shape of ``radius``; ``energy`` is that of all it leaves.
     """
 
     mixture: GaussianMixture
-    left: Tolerance
+    radius: Real
+    left: Real
+    energy: float
 
 
 def horizon_loss(
@@ -66,7 +67,7 @@ def horizon_loss(
     excess = np.exp(exponents.sum(axis=0)) - np.exp(np.minimum(exponents, 0.0).sum(axis=0))
     power = 2.0 * math.pi * q * excess * dq
     if power.sum() <= share * density[-1]:
-        return HorizonLoss(GaussianMixture(np.empty(0), np.empty(0)), Tolerance(0.0, 0.0))
+        return HorizonLoss(GaussianMixture(np.empty(0), np.empty(0)), radius, np.zeros_like(radius), 0.0)
     loss = special.j0(2.0 * math.pi * np.outer(radius, q)) @ power
     narrowest = 1.0 / (2.0 * math.pi * q[-1])
     widths = narrowest * np.geomspace(0.5, max(4.0, 2.0 * reach / narrowest), _gaussians(reach / narrowest))
@@ -76,7 +77,9 @@ def horizon_loss(
     left = np.abs(basis @ height - loss)
     return HorizonLoss(
         GaussianMixture(2.0 * math.pi * widths**2 * height, widths**2),
-        Tolerance(float(np.max(left / true)), float(np.trapezoid(2.0 * math.pi * radius * left, radius))),
+        radius,
+        left / true,
+        float(np.trapezoid(2.0 * math.pi * radius * left, radius)),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -69,10 +70,11 @@ def field_image(
     outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
     psf = psf_over = None
     pixel_error = 0.0
-    ee_error += halo.left.ee + halo.collapse_error(float(half_width[0]))
+    ee_error += halo.left_energy + halo.collapse_error(float(half_width[0]))
     if with_cube:
         fine = scattered_image(point, halo.mixture, detector, tolerance)
-        pixel_error = halo.left.pixel + halo.collapse_error(detector.sub_pixel)
+        corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
+        pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
         pixel_error += _scatter_error(fine, point, scatter.finer, detector, tolerance)
         unscattered_error = add_unscattered(fine, point, halo.unscattered_weight, detector, tolerance)
         if unscattered_error > tolerance.ee:

@@ -30,8 +30,9 @@ _COLLAPSED = 2e-4  # d_j over reach below which a surface's scatter is a point (
 class Halo:
     """Scattered light as a mixture that holds for distances up to ``reach`` [mm], and the unscattered share.
 
-    The mixture integrates to the scattered light only together with what lies beyond ``reach``. ``left`` is the error
-    that a finer mixture does not show. ``collapsed`` are the TIS and d_j [mm] of surfaces so near the image that all
+    The mixture integrates to the scattered light only together with what lies beyond ``reach``. ``left`` holds
+    distances [mm] and relative errors there that a finer mixture does not show, ``left_energy`` the energy in them.
+    ``collapsed`` are the TIS and d_j [mm] of surfaces so near the image that all
     their light stays on the unscattered point; ``unscattered_weight`` includes it, ``specular_fraction`` does not.
     """
 
@@ -39,8 +40,14 @@ class Halo:
     specular_fraction: float
     unscattered_weight: float
     reach: float
-    left: Tolerance
+    left: tuple[Real, Real]
+    left_energy: float
     collapsed: tuple[tuple[float, float], ...]
+
+    def hidden_error(self, distance: float) -> float:
+        """The largest relative error within ``distance`` [mm] that a finer mixture does not show."""
+        radius, error = self.left
+        return float(np.max(error, where=radius <= distance, initial=0.0))
 
     def collapse_error(self, length: float) -> float:
         """The light, of all, that the collapse may move across an edge of a cell or box of size ``length`` [mm]."""
@@ -94,7 +101,7 @@ def scattered_light(
     unscattered_weight = math.exp(-total_variance)
     if not terms:
         nothing = GaussianMixture(np.empty(0), np.empty(0))
-        return Halo(nothing, specular_fraction, unscattered_weight, reach, Tolerance(0.0, 0.0), collapsed)
+        return Halo(nothing, specular_fraction, unscattered_weight, reach, (np.zeros(1), np.zeros(1)), 0.0, collapsed)
     # energies average the mixture's error over radius: they keep a hundredth of it
     share = min(0.3 * tolerance.pixel, 10.0 * tolerance.ee)
     step = trapezoid_step(share, max(term.nu for term in terms), total_variance)
@@ -115,7 +122,8 @@ def scattered_light(
         specular_fraction,
         unscattered_weight,
         reach,
-        Tolerance(loss.left.pixel + doubt, loss.left.ee + doubt * (1.0 - unscattered_weight)),
+        (loss.radius, loss.left + doubt),
+        loss.energy + doubt * (1.0 - unscattered_weight),
         collapsed,
     )
 
