@@ -22,7 +22,7 @@ from psfcli.tolerance import Tolerance
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-_LEVEL = 1.6  # successive blocks of cells shrink by this factor
+_LEVEL = 2.6  # successive blocks of cells shrink by this factor
 _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
 
 
