@@ -110,7 +110,14 @@ def trials(scene: Plan, wavelength_index: int, field_indices: Sequence[int]) -> 
 
 def _scatter(scene: Plan, w: int) -> WavelengthScatter:
     try:
-        return wavelength_scatter(scene.surfaces, scene.telescope, scene.wavelengths[w], scene.reach, scene.tolerance)
+        return wavelength_scatter(
+            scene.surfaces,
+            scene.telescope,
+            scene.wavelengths[w],
+            scene.half_widths,
+            scene.reach,
+            scene.tolerance,
+        )
     except MixtureError as error:
         raise SceneError(f"at {1e6 * scene.wavelengths[w]:.6g} nm: {error}") from error
 
@@ -121,7 +128,6 @@ def _image(scene: Plan, scatter: WavelengthScatter, field_index: int) -> FieldIm
         scene.fields[field_index],
         scatter,
         scene.detector,
-        scene.half_widths,
         scene.tolerance,
         with_cube=scene.with_cube,
     )

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.blur import TAIL, interval_integrals, moments_to, normal_probability, treatment
-from psfcli.image.geometric import GeometricalImage, RayBundle, rays_apart, tiles
+from psfcli.image.geometric import GeometricalImage
 from psfcli.image.grid import Detector
 from psfcli.image.result import Spot
+from psfcli.image.spot_grid import SpotGrid, spot_grids
 from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.tolerance import Tolerance
@@ -39,9 +40,9 @@ def scattered_image(
     edges_x, edges_y = detector.edges(0), detector.edges(1)
     how = treatment(point, mixture, tolerance)
     _add_by_moments(image, edges_x, edges_y, mixture, point, how.order, tolerance)
-    for k in np.flatnonzero(how.order < 0):
-        rays = rays_apart(point, float(how.spacing[k]))
-        _add_by_rays(image, edges_x, edges_y, rays, float(mixture.weight[k]), float(mixture.variance[k]) ** 0.5)
+    narrow = GaussianMixture(mixture.weight[how.order < 0], mixture.variance[how.order < 0])
+    for grid in spot_grids(point, narrow, how.spacing[how.order < 0]):
+        _add_by_grid(image, edges_x, edges_y, grid)
     return image
 
 
@@ -129,15 +130,16 @@ def _radius_of_influence(mixture: GaussianMixture, spot: Spot, tolerance: Tolera
     return extent + r[np.minimum(last + 1, r.size - 1)]
 
 
-def _add_by_rays(image: Real, edges_x: Real, edges_y: Real, rays: RayBundle, weight: float, width: float) -> None:
-    for part in tiles(rays, 2.0 * TAIL * width):
-        rows = _span(edges_y, part.y.min() - TAIL * width, part.y.max() + TAIL * width)
-        columns = _span(edges_x, part.x.min() - TAIL * width, part.x.max() + TAIL * width)
+def _add_by_grid(image: Real, edges_x: Real, edges_y: Real, grid: SpotGrid) -> None:
+    for weight, variance in zip(grid.mixture.weight, grid.mixture.variance, strict=True):
+        margin, width = TAIL * math.sqrt(variance), math.sqrt(variance - grid.tau2)
+        rows = _span(edges_y, grid.y[0] - margin, grid.y[-1] + margin)
+        columns = _span(edges_x, grid.x[0] - margin, grid.x[-1] + margin)
         if rows.stop <= rows.start or columns.stop <= columns.start:
             continue
-        y = (edges_y[rows.start : rows.stop + 1, None] - part.y) / width
-        x = (edges_x[columns.start : columns.stop + 1, None] - part.x) / width
-        left = normal_probability(y[:-1], y[1:]) * (weight * part.share)
+        y = (edges_y[rows.start : rows.stop + 1, None] - grid.y) / width
+        x = (edges_x[columns.start : columns.stop + 1, None] - grid.x) / width
+        left = weight * normal_probability(y[:-1], y[1:]) @ grid.mass
         image[rows, columns] += left @ normal_probability(x[:-1], x[1:]).T
 
 

@@ -1,4 +1,4 @@
-"""Ray fans cut where they cross the edges of cells.
+"""Ray fans cut where they cross the edges of cells and of nested squares.
 
 Along one pupil azimuth the landing point is a cubic in rho. Its crossings with the edges cut the radius into pieces
 that land in one cell each, of power proportional to the difference of rho^2: exact in radius, without ray noise and
@@ -18,7 +18,9 @@ from psfcli.telescope.system import Field, Telescope
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+_FREE_STEPS = 3  # of Laguerre's, after which nearly every root is good to rounding
 _LAGUERRE_STEPS = 60
+_ON_CORNER = 1e-9  # relative distance from a square's corner at which a crossing counts half for either side
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +49,11 @@ def pieces_between(
         fans_x[0] -= origin[0]
         fans_y[0] -= origin[1]
     each = np.arange(azimuth.size)
-    crossings = [_bracketed_crossings(fans, inner, edges) for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))]
-    cubics, start, stop, crossing_fan = (np.concatenate(column, axis=-1) for column in zip(*crossings, strict=True))
-    fan = [each, each, crossing_fan]
-    rho = [np.full(azimuth.size, inner), np.ones(azimuth.size), _root_between(cubics, start, stop)]
+    crossings = [
+        _crossings(_Branches.of(fans, inner), edges, np.zeros(azimuth.size)) for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))
+    ]
+    fan = [each, each, *(c.fan for c in crossings)]
+    rho = [np.full(azimuth.size, inner), np.ones(azimuth.size), *(c.rho for c in crossings)]
     all_fan, all_rho = np.concatenate(fan), np.concatenate(rho)
     order = np.lexsort((all_rho, all_fan))
     all_fan, all_rho = all_fan[order], all_rho[order]
@@ -65,30 +68,92 @@ def pieces_between(
     )
 
 
+def light_in_squares(fans_x: Real, fans_y: Real, inner: float, half_width: Real) -> Real:
+    """The share of each fan's light in squares of increasing ``half_width`` about the origin, shape (azimuths, boxes).
+
+    ``fans_x``, ``fans_y`` (4, azimuths) are the landing points from rho = ``inner`` to 1. A fan that leaves a square
+    at rho leaves rho^2 behind, one that enters takes it away: no piece need be known. Crossings at a corner count half
+    for either side, so that a fan along a diagonal is counted once.
+    """
+    azimuths, boxes = fans_x.shape[1], half_width.size
+    light = np.zeros(azimuths * boxes)
+    edges = np.concatenate([-half_width[::-1], half_width])
+    branches_x, branches_y = _Branches.of(fans_x, inner), _Branches.of(fans_y, inner)
+    for branches, others in ((branches_x, branches_y), (branches_y, branches_x)):
+        cut = _crossings(branches, edges, others.closest())
+        upper = cut.edge >= boxes
+        box = np.where(upper, cut.edge - boxes, boxes - 1 - cut.edge)
+        across = np.abs(_cubic(others.fans[:, cut.fan], cut.rho)) - half_width[box]
+        counted = np.where(np.abs(across) <= _ON_CORNER * half_width[box], 0.5, across < 0.0)
+        outward = np.where(upper == cut.rising, 1.0, -1.0)
+        light += np.bincount(cut.fan * boxes + box, outward * counted * cut.rho**2, light.size)
+    light = light.reshape(azimuths, boxes)
+    for end, power in ((-1, 1.0), (0, -(inner**2))):
+        distance = np.maximum(np.abs(branches_x.value[end]), np.abs(branches_y.value[end]))
+        light += power * (distance[:, None] <= half_width)
+    share: Real = light / (1.0 - inner**2)
+    return share
+
+
+@dataclass(frozen=True, slots=True)
+class _Branches:
+    """Cubics ``fans`` (4, azimuths), their turning points between inner and 1 with both ends, and the values there.
+
+    ``rho`` and ``value`` (4, azimuths): between one row and the next a cubic is monotone.
+    """
+
+    fans: Real
+    rho: Real
+    value: Real
+
+    @classmethod
+    def of(cls, fans: Real, inner: float) -> _Branches:
+        """The branches of ``fans`` from ``inner`` to 1."""
+        turning = np.sort(_turning_points(fans, inner), axis=0)
+        rho = np.concatenate([np.full((1, fans.shape[1]), inner), turning, np.ones((1, fans.shape[1]))])
+        return cls(fans, rho, _cubic(fans[:, None, :], rho))
+
+    def closest(self) -> Real:
+        """The distance from zero that each cubic keeps, shape (azimuths,)."""
+        distance: Real = np.maximum(np.maximum(self.value.min(axis=0), -self.value.max(axis=0)), 0.0)
+        return distance
+
+
+@dataclass(frozen=True, slots=True)
+class _Crossings:
+    """Where fans cross edges: pupil radius, indices of fan and edge, and whether the coordinate rises there."""
+
+    rho: Real
+    fan: Index
+    edge: Index
+    rising: NDArray[np.bool_]
+
+
+def _crossings(branches: _Branches, edges: Real, beyond: Real) -> _Crossings:
+    """Every crossing of the fans with the increasing ``edges`` that lie farther from zero than ``beyond``, per fan.
+
+    A branch meets each edge in its range once.
+    """
+    before, after = branches.value[:-1], branches.value[1:]
+    azimuths = before.shape[1]
+    first = np.searchsorted(edges, np.minimum(before, after).ravel(), side="right")
+    count = np.maximum(np.searchsorted(edges, np.maximum(before, after).ravel(), side="left") - first, 0)
+    branch = np.repeat(np.arange(count.size), count)
+    edge = np.arange(branch.size) + np.repeat(first - np.cumsum(count) + count, count)
+    fan = branch % azimuths
+    if np.any(beyond > 0.0):
+        some = np.abs(edges[edge]) > beyond[fan]
+        branch, edge, fan = branch[some], edge[some], fan[some]
+    cubics = branches.fans[:, fan]
+    cubics[0] -= edges[edge]
+    rho = _root_between(cubics, branches.rho[:-1].ravel()[branch], branches.rho[1:].ravel()[branch])
+    return _Crossings(rho, fan, edge, (after > before).ravel()[branch])
+
+
 def _cubic(coefficients: Real, rho: Real) -> Real:
     a0, a1, a2, a3 = coefficients
     value: Real = ((a3 * rho + a2) * rho + a1) * rho + a0
     return value
-
-
-def _bracketed_crossings(fans: Real, inner: float, edges: Real) -> tuple[Real, Real, Real, Index]:
-    """Every crossing of the cubics ``fans`` (4, azimuths) with the ``edges`` for inner < rho < 1.
-
-    Returns the cubics less their edges, shape (4, crossings), brackets in which each has one root, and fan indices.
-    Between its turning points a cubic is monotone and meets each edge in its range once.
-    """
-    turning = np.sort(_turning_points(fans, inner), axis=0)
-    limits = np.concatenate([np.full((1, fans.shape[1]), inner), turning, np.ones((1, fans.shape[1]))])
-    value = _cubic(fans[:, None, :], limits)
-    low, high = np.minimum(value[1:], value[:-1]), np.maximum(value[1:], value[:-1])
-    first = np.searchsorted(edges, low.ravel(), side="right")
-    count = np.maximum(np.searchsorted(edges, high.ravel(), side="left") - first, 0)
-    branch = np.repeat(np.arange(count.size), count)
-    edge = edges[np.arange(branch.size) + np.repeat(first - np.cumsum(count) + count, count)]
-    fan = branch % fans.shape[1]
-    cubics = fans[:, fan]
-    cubics[0] -= edge
-    return cubics, limits[:-1].ravel()[branch], limits[1:].ravel()[branch], fan
 
 
 def _turning_points(fans: Real, inner: float) -> Real:
@@ -101,41 +166,56 @@ def _turning_points(fans: Real, inner: float) -> Real:
 
 
 def _root_between(cubics: Real, start: Real, stop: Real) -> Real:
-    """The root of each of the ``cubics`` (4, n) within (start, stop), where it has one: Laguerre's steps in a bracket.
+    """The root of each of the ``cubics`` (4, n) within (start, stop), where it has one.
 
-    Good to rounding; at a root about to become double that is the square root of rounding, in rho.
+    A few of Laguerre's steps from the chord; what still moves then goes on in a bracket. Good to rounding; at a root
+    about to become double that is the square root of rounding, in rho.
     """
-    low, high = start, stop
-    at_low, at_high = _cubic(cubics, low), _cubic(cubics, high)
-    rising = at_high > at_low
+    at_start, at_stop = _cubic(cubics, start), _cubic(cubics, stop)
     with np.errstate(divide="ignore", invalid="ignore"):
-        fraction = at_low / (at_low - at_high)
-    root = low + (high - low) * np.clip(np.nan_to_num(fraction, nan=0.5), 0.02, 0.98)
+        fraction = at_start / (at_start - at_stop)
+    root = start + (stop - start) * fraction
+    for _ in range(_FREE_STEPS):
+        root = np.minimum(np.maximum(_laguerre(cubics, root)[0], start), stop)
+    unsolved = np.flatnonzero(~(np.abs(_cubic(cubics, root)) <= _noise(cubics)))
+    if unsolved.size:
+        rising = (at_stop > at_start)[unsolved]
+        root[unsolved] = _bracketed_root(cubics[:, unsolved], root[unsolved], start[unsolved], stop[unsolved], rising)
+    return root
+
+
+def _noise(cubics: Real) -> Real:
+    """What rounding leaves of the ``cubics`` (4, n) at a root within rho <= 1."""
+    noise: Real = 4.0 * np.finfo(np.float64).eps * np.abs(cubics).sum(axis=0)
+    return noise
+
+
+def _laguerre(cubics: Real, rho: Real) -> tuple[Real, Real]:
+    """One step of Laguerre's method from ``rho``, and the value there."""
+    c0, c1, c2, c3 = cubics
+    value = ((c3 * rho + c2) * rho + c1) * rho + c0
+    slope = (3.0 * c3 * rho + 2.0 * c2) * rho + c1
+    half_curvature = 3.0 * c3 * rho + c2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = 2.0 * np.sqrt(np.maximum(slope * slope - 3.0 * value * half_curvature, 0.0))
+        return rho - 3.0 * value / (slope + np.copysign(spread, slope)), value
+
+
+def _bracketed_root(cubics: Real, start: Real, low: Real, high: Real, rising: NDArray[np.bool_]) -> Real:
+    """Laguerre's steps from ``start``, halving the bracket from ``low`` to ``high`` where they would leave it."""
+    root = np.where((start > low) & (start < high), start, 0.5 * (low + high))
     active = np.arange(root.size)
-    noise = 4.0 * np.finfo(np.float64).eps * np.abs(cubics).sum(axis=0)
+    noise = _noise(cubics)
     for _ in range(_LAGUERRE_STEPS):
         if active.size == 0:
             break
-        c0, c1, c2, c3 = cubics
         rho = root[active]
-        value = ((c3 * rho + c2) * rho + c1) * rho + c0
-        slope = (3.0 * c3 * rho + 2.0 * c2) * rho + c1
-        curvature = 6.0 * c3 * rho + 2.0 * c2
-        below = (value < 0.0) == rising
-        low, high = np.where(below, rho, low), np.where(below, high, rho)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            spread = np.sqrt(np.maximum(4.0 * slope**2 - 6.0 * value * curvature, 0.0))
-            following = rho - 3.0 * value / (slope + np.copysign(spread, slope))
-        following = np.where((following > low) & (following < high), following, 0.5 * (low + high))
-        unsolved = np.abs(value) > noise
+        following, value = _laguerre(cubics[:, active], rho)
+        below = (value < 0.0) == rising[active]
+        low[active], high[active] = np.where(below, rho, low[active]), np.where(below, high[active], rho)
+        inside = (following > low[active]) & (following < high[active])
+        following = np.where(inside, following, 0.5 * (low[active] + high[active]))
+        unsolved = np.abs(value) > noise[active]
         root[active] = np.where(unsolved, following, rho)
-        moving = unsolved & (np.abs(following - rho) > 1e-15)
-        active, cubics, low, high, rising, noise = (
-            active[moving],
-            cubics[:, moving],
-            low[moving],
-            high[moving],
-            rising[moving],
-            noise[moving],
-        )
+        active = active[unsolved & (np.abs(following - rho) > 1e-15)]
     return root

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from psfcli.image.blur import normal_probability
 from psfcli.image.geometric import GeometricalImage
-from psfcli.image.rectangle import Rectangles, scattered_in_rectangles
 from psfcli.image.result import EnsquaredEnergy, Spot
 from psfcli.image.scatter import Halo
+from psfcli.image.squares import SquareResponse
 from psfcli.image.unscattered import unscattered_in_boxes
 from psfcli.tolerance import Tolerance
 
@@ -36,18 +36,17 @@ def box_centres(spot: Spot) -> tuple[tuple[float, float], ...]:
 
 
 def ensquared_energy(
-    point: GeometricalImage, halo: Halo, half_width: Real, tolerance: Tolerance
+    point: GeometricalImage, halo: Halo, squares: SquareResponse, tolerance: Tolerance
 ) -> tuple[EnsquaredEnergy, Real, float]:
-    """Energies in squares of increasing ``half_width`` about each of the ``box_centres``, within ``tolerance.ee``;
+    """Energies in the ``squares``, of the ``halo``'s mixture, about each of the ``box_centres``, within ``tolerance.ee``;
 
     of these the scattered light about the Gaussian image point, shape [box], and the estimated error of the
     unscattered light in any box; both as fractions of all light.
     """
     centres = box_centres(point.spot)
     distinct = list(dict.fromkeys(centres))
-    boxes = Rectangles.together([Rectangles.squares(centre, half_width) for centre in distinct])
-    scattered = scattered_in_rectangles(point, halo.mixture, boxes, Tolerance(pixel=1.0, ee=tolerance.ee))
-    shares = dict(zip(distinct, np.split(scattered, len(distinct)), strict=True))
+    half_width = squares.half_width
+    shares = dict(zip(distinct, squares.energy(point, distinct, tolerance.ee), strict=True))
     energy, error = dict(shares), 0.0
     if halo.unscattered_weight > 0.0:
         unscattered, error = unscattered_in_boxes(

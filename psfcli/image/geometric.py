@@ -39,7 +39,8 @@ class RayBundle:
 class GeometricalImage:
     """PSF_G of one field point.
 
-    ``moments`` Q_ab of the spot about its centroid, with the Gaussian part of its rms taken out (blur.py);
+    ``rays`` integrate its moments to MAX_MOMENT (exactly on a full annulus); ``moments`` Q_ab of the spot about its
+    centroid, with the Gaussian part of its rms taken out (blur.py);
     ``radial_length`` [mm] of the longest path of the landing point along a pupil radius and ``azimuthal_length`` [mm]
     per radian of azimuth at its fastest; ``mirror_symmetric``: x and -x are alike.
     """
@@ -47,6 +48,7 @@ class GeometricalImage:
     telescope: Telescope
     field: Field
     spot: Spot
+    rays: RayBundle
     moments: Real
     radial_length: float
     azimuthal_length: float
@@ -111,16 +113,19 @@ def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
     rho = np.linspace(telescope.pupil.obscuration, 1.0, 17)
     x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
     start, stop = telescope.pupil.sector
+    rays = ray_bundle(telescope, field, 2 * MAX_MOMENT, (2 if telescope.pupil.is_full_annulus else 8) * (MAX_MOMENT + 1))
+    symmetric = telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
     return GeometricalImage(
         telescope=telescope,
         field=field,
         spot=spot,
-        moments=_quasi_moments(telescope, field, spot),
+        rays=rays,
+        moments=_quasi_moments(rays, spot, symmetric=symmetric),
         radial_length=float(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0).max()),
         azimuthal_length=float(
             np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).max() * _EXTENT_AZIMUTHS / (stop - start)
         ),
-        mirror_symmetric=telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0,
+        mirror_symmetric=symmetric,
     )
 
 
@@ -181,20 +186,18 @@ def tiles(rays: RayBundle, size: float) -> Iterator[RayBundle]:
         start = int(end)
 
 
-def _quasi_moments(telescope: Telescope, field: Field, spot: Spot) -> Real:
+def _quasi_moments(rays: RayBundle, spot: Spot, *, symmetric: bool) -> Real:
     """E[He_a(eps_x - cx; rms_x^2) He_b(eps_y - cy; rms_y^2)]/(a! b!) [mm^(a+b)] for a + b <= MAX_MOMENT, zero beyond.
 
-    Shape (MAX_MOMENT + 1,) * 2. The rays' polynomials are integrated exactly on a full annulus.
+    Shape (MAX_MOMENT + 1,) * 2. ``symmetric``: x and -x are alike.
     """
-    azimuths = 2 * MAX_MOMENT + 2 if telescope.pupil.is_full_annulus else 8 * MAX_MOMENT
-    rays = ray_bundle(telescope, field, 2 * MAX_MOMENT, azimuths)
     order = np.arange(MAX_MOMENT + 1)
     factorial = np.cumprod(np.maximum(order, 1)).astype(np.float64)
     x = _scaled_hermite(rays.x - spot.centroid_x, spot.rms_x) / factorial[:, None]
     y = _scaled_hermite(rays.y - spot.centroid_y, spot.rms_y) / factorial[:, None]
     moments = (x * rays.share) @ y.T
     moments[np.add.outer(order, order) > MAX_MOMENT] = 0.0
-    if telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0:
+    if symmetric:
         moments[1::2] = 0.0  # rounding, where symmetry has nothing
     return moments
 

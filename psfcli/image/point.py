@@ -17,6 +17,7 @@ from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_wind
 from psfcli.image.rectangle import Rectangles, scattered_in_rectangles
 from psfcli.image.result import FieldImage
 from psfcli.image.scatter import Halo, scattered_light
+from psfcli.image.squares import SquareResponse, square_response
 from psfcli.surface.surface import Surface
 from psfcli.telescope.system import Field, Telescope
 from psfcli.tolerance import Tolerance
@@ -30,22 +31,43 @@ _JUDGED_BOXES = 10
 
 @dataclass(frozen=True, slots=True)
 class WavelengthScatter:
-    """The scattered light at one wavelength: as used, ``finer`` to judge it by, and its energy by another road."""
+    """The scattered light at one wavelength: as used, ``finer`` to judge it by, and its energy by another road.
+
+    ``squares`` are the boxes of the ensquared energy, ``judged`` the places of some of them and ``judge`` the finer
+    light in these.
+    """
 
     halo: Halo
     finer: Halo
+    squares: SquareResponse
+    judged: slice
+    judge: SquareResponse
     encircled: EncircledEnergy | None
 
 
 def wavelength_scatter(
-    surfaces: Sequence[Surface], telescope: Telescope, wavelength: float, reach: float, tolerance: Tolerance
+    surfaces: Sequence[Surface],
+    telescope: Telescope,
+    wavelength: float,
+    half_width: Real,
+    reach: float,
+    tolerance: Tolerance,
 ) -> WavelengthScatter:
-    """What every field at ``wavelength`` [mm] shares; ``reach`` [mm] bounds the distances asked for."""
+    """What every field at ``wavelength`` [mm] shares: boxes of increasing ``half_width`` [mm] included.
+
+    ``reach`` [mm] bounds the distances asked for.
+    """
     halo = scattered_light(surfaces, telescope, wavelength, reach, tolerance)
     finer = scattered_light(surfaces, telescope, wavelength, reach, _finer(tolerance))
     rough = halo.mixture.weight.size > 0
+    judged = slice(0, None, max(1, half_width.size // _JUDGED_BOXES))
     return WavelengthScatter(
-        halo, finer, encircled_energy(surfaces, telescope, wavelength, tolerance) if rough else None
+        halo=halo,
+        finer=finer,
+        squares=square_response(halo.mixture, half_width),
+        judged=judged,
+        judge=square_response(finer.mixture, half_width[judged]),
+        encircled=encircled_energy(surfaces, telescope, wavelength, tolerance) if rough else None,
     )
 
 
@@ -54,7 +76,6 @@ def field_image(
     field: Field,
     scatter: WavelengthScatter,
     detector: Detector,
-    half_width: Real,
     tolerance: Tolerance,
     *,
     with_cube: bool,
@@ -62,15 +83,13 @@ def field_image(
     """The image of ``field``: pixels (when ``with_cube``), ensquared energy, light outside, errors reached."""
     point = geometrical_image(telescope, field)
     halo = scatter.halo
-    ensquared, scattered, ee_error = ensquared_energy(point, halo, half_width, tolerance)
-    judged_boxes = slice(0, None, max(1, half_width.size // _JUDGED_BOXES))
-    boxes = Rectangles.squares((0.0, 0.0), half_width[judged_boxes])
-    truth = scattered_in_rectangles(point, scatter.finer.mixture, boxes, Tolerance(1.0, tolerance.ee / _REFINEMENT))
-    ee_error += float(np.max(np.abs(scattered[judged_boxes] - truth), initial=0.0))
+    ensquared, scattered, ee_error = ensquared_energy(point, halo, scatter.squares, tolerance)
+    truth = scatter.judge.energy(point, [(0.0, 0.0)], tolerance.ee / _REFINEMENT)[0]
+    ee_error += float(np.max(np.abs(scattered[scatter.judged] - truth), initial=0.0))
     outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
     psf = psf_over = None
     pixel_error = 0.0
-    ee_error += halo.left_energy + halo.collapse_error(float(half_width[0]))
+    ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width[0]))
     if with_cube:
         fine = scattered_image(point, halo.mixture, detector, tolerance)
         corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))

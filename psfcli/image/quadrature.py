@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 _LARGEST_PANEL = 64
 _MOST_NODES = 400_000
-_SLICES_AT_ONCE = 256
+_SLICES_AT_ONCE = 1024
 _LEAST_SHARE = 0.1  # few slices hold a kink of any one function: each may use this share of the tolerance
 _KINK_GAIN = 2.0  # from a slice to its halves a kink's error falls by 2^(3/2) to 4
 
@@ -35,66 +36,129 @@ def gauss_panels(count: int) -> tuple[Real, Real]:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A quadrature rule, ``node`` and ``weight`` of one shape, the ``integral`` of each function it was made for, and
+    """A quadrature rule for several groups of functions: ``node``, ``weight`` and ``group`` of one shape; the
 
-    the estimated ``error`` of the worst.
+    ``integral`` (groups, functions) of each function it was made for, and the estimated ``error`` (groups,) of the
+    worst in each group.
     """
 
     node: Real
     weight: Real
+    group: Index
     integral: Real
-    error: float
+    error: Real
 
 
-def integrate_adaptively(functions: Callable[[Real], Real], left: Real, right: Real, tolerance: float) -> Rule:
-    """A rule for the integral of ``functions`` over slices from ``left`` to ``right``, within ``tolerance`` for each.
+def integrate_adaptively(
+    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: float
+) -> Rule:
+    """A rule for the integrals of ``functions`` over slices from ``left`` to ``right``, within ``tolerance`` for each.
 
-    Slices are judged one by one, and many small errors may add up to a large one: then all is done again, more
-    strictly. The rule's error exceeds the tolerance only where it would take more than a reasonable number of nodes.
+    ``functions(node, group)`` gives (nodes, functions). Slices of one ``group`` (0, 1, ...) follow one another.
+    Slices are judged one by one, and many small errors may add up to a large one: then their groups are done again,
+    more strictly. A group's error exceeds the tolerance only where it would take more than a reasonable number of
+    nodes.
     """
+    rule = _halved_until(functions, left, right, group, tolerance)
     strictness = 1.0
     while True:
-        rule = _halved_until(functions, left, right, tolerance / strictness)
-        if rule.error <= tolerance or rule.node.size > _MOST_NODES:
+        loose = rule.error > tolerance
+        if not loose.any() or rule.node.size > _MOST_NODES:
             return rule
-        strictness *= 2.0 * max(2.0, rule.error / tolerance)
+        strictness *= 2.0 * max(2.0, float(rule.error.max()) / tolerance)
+        some = loose[group]
+        again = _halved_until(functions, left[some], right[some], group[some], tolerance / strictness)
+        keep = ~loose[rule.group]
+        redone = loose[:, None]
+        rule = Rule(
+            np.concatenate([rule.node[keep], again.node]),
+            np.concatenate([rule.weight[keep], again.weight]),
+            np.concatenate([rule.group[keep], again.group]),
+            np.where(redone, _padded(again.integral, loose.size), rule.integral),
+            np.where(loose, _padded(again.error, loose.size), rule.error),
+        )
 
 
-def _halved_until(functions: Callable[[Real], Real], left: Real, right: Real, tolerance: float) -> Rule:
+def _padded(rows: Real, count: int) -> Real:
+    """``rows`` with rows of zeros added up to ``count``."""
+    return np.concatenate([rows, np.zeros((count - rows.shape[0], *rows.shape[1:]))])
+
+
+def _halved_until(
+    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: float
+) -> Rule:
     """A rule made by halving slices until each is within its share of ``tolerance``.
 
     Each slice is integrated by Simpson's rule and by that on its halves: closed rules, so that a kink always lies
     between two points that were seen. The error is the sum of the changes over all slices, for the worst function,
     less what the last halving gained.
     """
-    whole = float(np.sum(right - left))
+    whole = np.bincount(group, right - left)
     nodes: list[Real] = []
     weights: list[Real] = []
-    integral = doubt = np.zeros(1)
+    groups: list[Index] = []
+    integral = doubt = np.zeros((whole.size, 1))
     count = 0
     for first in range(0, left.size, _SLICES_AT_ONCE):  # a few slices at a time, to the end: little is held
-        a, b = left[first : first + _SLICES_AT_ONCE], right[first : first + _SLICES_AT_ONCE]
-        point, where = np.unique(np.concatenate([a, 0.5 * (a + b), b]), return_inverse=True)
-        fa, fm, fb = np.split(functions(point)[where], 3)
-        count += point.size
+        part = slice(first, first + _SLICES_AT_ONCE)
+        a, b, g = left[part], right[part], group[part]
+        fa, fm, fb = _at_ends_and_middles(functions, a, b, g)
+        count += 3 * a.size
         while a.size:
             middle = 0.5 * (a + b)
-            fl, fr = np.split(functions(np.concatenate([0.5 * (a + middle), 0.5 * (middle + b)])), 2)
+            halves = np.concatenate([0.5 * (a + middle), 0.5 * (middle + b)])
+            fl, fr = np.split(functions(halves, np.concatenate([g, g])), 2)
             count += 2 * a.size
             twelfth = ((b - a) / 12.0)[:, None]
-            change = np.abs(twelfth * (4.0 * (fl + fr) - fa - fb - 6.0 * fm))
-            done = change.max(axis=1) <= tolerance * np.maximum((b - a) / whole, _LEAST_SHARE)
+            inner = 4.0 * (fl + fr)
+            outer = fa + fb
+            change = np.abs(twelfth * (inner - outer - 6.0 * fm))
+            done = change.max(axis=1) <= tolerance * np.maximum((b - a) / whole[g], _LEAST_SHARE)
             done |= count > _MOST_NODES
-            doubt = doubt + change[done].sum(axis=0)
-            integral = integral + (twelfth * (fa + 4.0 * (fl + fr) + 2.0 * fm + fb))[done].sum(axis=0)
+            doubt = doubt + _sum_by_group(change[done], g[done], whole.size)
+            integral = integral + _sum_by_group((twelfth * (outer + inner + 2.0 * fm))[done], g[done], whole.size)
             for place, weight in ((0.0, 1.0), (0.25, 4.0), (0.5, 2.0), (0.75, 4.0), (1.0, 1.0)):
                 nodes.append((a + place * (b - a))[done])
                 weights.append((weight / 12.0 * (b - a))[done])
+                groups.append(g[done])
             more = ~done
-            a, b = np.concatenate([a[more], middle[more]]), np.concatenate([middle[more], b[more]])
+            a, b, g = (
+                np.concatenate([a[more], middle[more]]),
+                np.concatenate([middle[more], b[more]]),
+                np.concatenate([g[more], g[more]]),
+            )
             fa, fm, fb = (
                 np.concatenate([fa[more], fm[more]]),
                 np.concatenate([fl[more], fr[more]]),
                 np.concatenate([fm[more], fb[more]]),
             )
-    return Rule(np.concatenate(nodes), np.concatenate(weights), integral, float(doubt.max(initial=0.0)) / _KINK_GAIN)
+    return Rule(
+        np.concatenate(nodes),
+        np.concatenate(weights),
+        np.concatenate(groups),
+        integral,
+        doubt.max(axis=1, initial=0.0) / _KINK_GAIN,
+    )
+
+
+def _at_ends_and_middles(
+    functions: Callable[[Real, Index], Real], a: Real, b: Real, group: Index
+) -> tuple[Real, Real, Real]:
+    """The functions at both ends and the middle of slices; an end that is the next one's start is seen once."""
+    fresh = np.ones(a.size, dtype=bool)
+    fresh[1:] = (a[1:] != b[:-1]) | (group[1:] != group[:-1])
+    starts = int(np.count_nonzero(fresh))
+    values = functions(np.concatenate([a[fresh], 0.5 * (a + b), b]), np.concatenate([group[fresh], group, group]))
+    each = np.arange(a.size)
+    start = np.where(fresh, np.cumsum(fresh) - 1, starts + a.size + each - 1)
+    return values[start], values[starts : starts + a.size], values[starts + a.size :]
+
+
+def _sum_by_group(rows: Real, group: Index, groups: int) -> Real:
+    """Sums of the ``rows`` of each group, shape (groups, columns), whatever other groups there are."""
+    total = np.zeros((groups, rows.shape[1]))
+    if rows.shape[0]:
+        order = np.argsort(group, kind="stable")
+        present, start = np.unique(group[order], return_index=True)
+        total[present] = np.add.reduceat(rows[order], start, axis=0)
+    return total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.blur import TAIL, interval_integrals, moments_to, normal_probability, treatment
-from psfcli.image.geometric import GeometricalImage, RayBundle, rays_apart, tiles
+from psfcli.image.geometric import GeometricalImage
+from psfcli.image.spot_grid import SpotGrid, spot_grids
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.tolerance import Tolerance
 
@@ -57,10 +59,9 @@ def scattered_in_rectangles(
     energy += _by_moments(
         GaussianMixture(mixture.weight[wide], mixture.variance[wide]), point, how.order.max(initial=0), rectangles
     )
-    halved = point.mirror_symmetric and bool(np.all(rectangles.x_start == -rectangles.x_stop))
-    for k in np.flatnonzero(~wide):
-        rays = rays_apart(point, float(how.spacing[k]), half=halved)
-        energy += mixture.weight[k] * _by_rays(rays, float(mixture.variance[k]) ** 0.5, rectangles)
+    narrow = GaussianMixture(mixture.weight[~wide], mixture.variance[~wide])
+    for grid in spot_grids(point, narrow, how.spacing[~wide]):
+        energy += _by_grid(grid, rectangles)
     return energy
 
 
@@ -82,27 +83,24 @@ def _by_moments(mixture: GaussianMixture, point: GeometricalImage, order: int, r
     return energy
 
 
-def _by_rays(rays: RayBundle, width: float, rectangles: Rectangles) -> Real:
-    """The energy of a Gaussian of ``width``, carried along by the rays, in each rectangle.
-
-    Rectangles that hold a whole tile of rays with its blur, or miss it, cost nothing.
-    """
-    margin = TAIL * width
-    energy = np.zeros_like(rectangles.x_start)
-    for part in tiles(rays, 2.0 * margin):
-        left, right = part.x.min() - margin, part.x.max() + margin
-        low, high = part.y.min() - margin, part.y.max() + margin
-        covers = (rectangles.x_start <= left) & (rectangles.x_stop >= right)
-        covers &= (rectangles.y_start <= low) & (rectangles.y_stop >= high)
-        energy[covers] += part.share.sum()
-        cut = ~covers & (rectangles.x_start < right) & (rectangles.x_stop > left)
-        cut &= (rectangles.y_start < high) & (rectangles.y_stop > low)
-        some = np.flatnonzero(cut)[:, None]
-        in_x = normal_probability(
-            (rectangles.x_start[some] - part.x) / width, (rectangles.x_stop[some] - part.x) / width
-        )
-        in_y = normal_probability(
-            (rectangles.y_start[some] - part.y) / width, (rectangles.y_stop[some] - part.y) / width
-        )
-        energy[cut] += (in_x * in_y) @ part.share
+def _by_grid(grid: SpotGrid, rectangles: Rectangles) -> Real:
+    """The light of the grid's mixture in each rectangle; rectangles that hold all of it cost nothing."""
+    margin = TAIL * math.sqrt(float(grid.mixture.variance.max()))
+    covers = (rectangles.x_start <= grid.x[0] - margin) & (rectangles.x_stop >= grid.x[-1] + margin)
+    covers &= (rectangles.y_start <= grid.y[0] - margin) & (rectangles.y_stop >= grid.y[-1] + margin)
+    energy = np.where(covers, grid.mixture.weight.sum() * grid.mass.sum(), 0.0)
+    some = ~covers
+    for weight, variance in zip(grid.mixture.weight, grid.mixture.variance - grid.tau2, strict=True):
+        width = math.sqrt(variance)
+        in_x = _between(rectangles.x_start[some], rectangles.x_stop[some], grid.x, width)
+        in_y = _between(rectangles.y_start[some], rectangles.y_stop[some], grid.y, width)
+        energy[some] += weight * np.einsum("ri,ri->r", in_y @ grid.mass, in_x)
     return energy
+
+
+def _between(start: Real, stop: Real, node: Real, width: float) -> Real:
+    """The probability of landing from ``start`` to ``stop`` for a Gaussian about each node: (rectangles, nodes)."""
+    pairs, which = np.unique(np.stack([start, stop]), axis=1, return_inverse=True)
+    low, high = (pairs[:, :, None] - node) / width
+    probability: Real = normal_probability(low, high)[which.ravel()]
+    return probability

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.crossings import pieces_between
+from psfcli.image.crossings import light_in_squares, pieces_between
 from psfcli.image.geometric import GeometricalImage, along_fans, ray_fans
 from psfcli.image.quadrature import integrate_adaptively
 
@@ -52,17 +52,21 @@ def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, t
     bounds = np.linspace(start, stop, _slice_count(start, stop, tolerance) + 1)
     modulus = min(rows * columns, _BUCKETS)
     rule = integrate_adaptively(
-        lambda azimuth: per_fan(azimuth, modulus), bounds[:-1], bounds[1:], tolerance * (stop - start)
+        lambda azimuth, _: per_fan(azimuth, modulus),
+        bounds[:-1],
+        bounds[1:],
+        np.zeros(bounds.size - 1, dtype=np.intp),
+        tolerance * (stop - start),
     )
     if modulus == rows * columns:
-        energy = rule.integral
+        energy = rule.integral[0]
     else:
         energy = np.zeros(rows * columns)
         for first in range(0, rule.node.size, _FANS_AT_ONCE):
             part = slice(first, first + _FANS_AT_ONCE)
             energy += per_fan(rule.node[part], energy.size, rule.weight[part])[0]
     grid = (energy / (stop - start)).reshape(rows, columns)
-    return (0.5 * (grid + grid[:, ::-1]) if symmetric else grid), rule.error / (stop - start)
+    return (0.5 * (grid + grid[:, ::-1]) if symmetric else grid), float(rule.error[0]) / (stop - start)
 
 
 def unscattered_in_boxes(
@@ -80,33 +84,24 @@ def unscattered_in_boxes(
         return inside, 0.0
     symmetric = point.mirror_symmetric and not np.any(place[:, 0])
     start, stop = _azimuths(point, half=symmetric)
-    # all centres in one integral: the n-th has its azimuths n strides further on
-    stride = stop - start + 1.0
-    edges = np.concatenate([-half_width[::-1], half_width])
-    rings = half_width.size + 1
 
-    def energy(azimuth: Real) -> Real:
-        """The light of each fan within each box about its centre, shape (azimuths, centres * boxes)."""
-        centre = ((azimuth - start) / stride).astype(np.intp)
-        pieces = pieces_between(point.telescope, point.field, azimuth - stride * centre, edges, edges, place[centre].T)
-        ring = np.searchsorted(half_width, np.maximum(np.abs(pieces.x), np.abs(pieces.y)))
-        light = np.bincount(pieces.fan * rings + ring, pieces.share, azimuth.size * rings).reshape(-1, rings)
-        within = np.zeros((azimuth.size, len(centres), half_width.size))
-        within[np.arange(azimuth.size), centre] = np.cumsum(light, axis=1)[:, :-1]
-        return within.reshape(azimuth.size, -1)
+    def energy(azimuth: Real, centre: Index) -> Real:
+        """The light of each fan within each box about its centre, shape (azimuths, boxes)."""
+        fans_x, fans_y = ray_fans(point.telescope, point.field, azimuth)
+        fans_x[0] -= place[centre, 0]
+        fans_y[0] -= place[centre, 1]
+        return light_in_squares(fans_x, fans_y, point.telescope.pupil.obscuration, half_width)
 
-    bounds = [
-        n * stride + _slices_about(point, (float(x), float(y)), start, stop, tolerance)
-        for n, (x, y) in enumerate(place)
-    ]
+    bounds = [_slices_about(point, (float(x), float(y)), start, stop, tolerance) for x, y in place]
     rule = integrate_adaptively(
         energy,
         np.concatenate([b[:-1] for b in bounds]),
         np.concatenate([b[1:] for b in bounds]),
+        np.repeat(np.arange(len(centres)), [b.size - 1 for b in bounds]),
         tolerance * (stop - start),
     )
-    inside[:, :some] = np.minimum(rule.integral.reshape(len(centres), some) / (stop - start), 1.0)
-    return inside, rule.error / (stop - start)
+    inside[:, :some] = np.minimum(rule.integral / (stop - start), 1.0)
+    return inside, float(rule.error.max()) / (stop - start)
 
 
 def _farthest(point: GeometricalImage, centres: Real) -> float:

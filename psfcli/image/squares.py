@@ -1,0 +1,116 @@
+"""The scattered energy in squares about any point near the spot, from a table that all fields share [mm].
+
+A square about c sees the Gaussian N(s^2) of a ray that lands at c + (dx, dy) as
+
+    sum_ab dx^a dy^b/(a! b!) I_a(w; s) I_b(w; s),   I_a = Int_-w^w (-d/dx)^a N(x; s^2) dx,
+
+a and b even by symmetry. The sums of I_a I_b over the wide Gaussians know nothing of the field: a field adds the
+moments of its spot about each centre. Gaussians too narrow for that come from the spot on a grid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psfcli.image.blur import TAIL, interval_integrals, normal_probability, ray_spacing
+from psfcli.image.geometric import MAX_MOMENT, GeometricalImage
+from psfcli.image.spot_grid import SpotGrid, spot_grids
+from psfcli.surface.mixture import GaussianMixture
+
+Real = NDArray[np.float64]
+
+_PAIRS = [(a, b) for a in range(0, MAX_MOMENT + 1, 2) for b in range(a, MAX_MOMENT + 1 - a, 2)]
+_SHARE = 0.3  # of the tolerance, for all wide terms together and for all narrow ones
+# |I_a| s^a is at most 1 for a = 0 and 0.87 sqrt((a-1)!) beyond, by |He_n(u)| <= 1.09 sqrt(n!) exp(u^2/4)
+_LARGEST = np.array([1.0] + [0.87 * math.sqrt(math.factorial(a - 1)) for a in range(1, MAX_MOMENT + 1)])
+_FACTORIAL = np.array([math.factorial(a) for a in range(MAX_MOMENT + 1)], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class SquareResponse:
+    """What squares of increasing ``half_width`` hold of a ``mixture`` (by increasing variance), ready for any spot.
+
+    ``response[k]`` (pair, box) sums I_a I_b over the terms from the k-th on; ``remainder[k]`` [mm^-14] their
+    |weight| s^-14, to which the last order kept, and so the error, is proportional.
+    """
+
+    half_width: Real
+    mixture: GaussianMixture
+    response: Real
+    remainder: Real
+
+    def energy(self, point: GeometricalImage, centres: Sequence[tuple[float, float]], tolerance: float) -> Real:
+        """The scattered light in each square about each of the ``centres``, of all light, within ``tolerance``.
+
+        Shape [centre, box].
+        """
+        if self.mixture.weight.size == 0:
+            return np.zeros((len(centres), self.half_width.size))
+        moments = [_even_moments(point, centre) for centre in centres]
+        last = max(_last_order(moment) for moment in moments)
+        first = int(np.count_nonzero(self.remainder * last > _SHARE * tolerance))
+        paired = np.array([[m[a, b] + (m[b, a] if a != b else 0.0) for a, b in _PAIRS] for m in moments])
+        energy: Real = paired @ self.response[first]
+        if first:
+            narrow = GaussianMixture(self.mixture.weight[:first], self.mixture.variance[:first])
+            error = _SHARE * tolerance / first
+            spacing = ray_spacing(np.sqrt(narrow.variance), np.abs(narrow.weight), error)
+            for grid in spot_grids(point, narrow, spacing):
+                energy += _by_grid(grid, centres, self.half_width)
+        return energy
+
+
+def square_response(mixture: GaussianMixture, half_width: Real) -> SquareResponse:
+    """The table for squares of increasing ``half_width`` [mm]."""
+    order = np.argsort(mixture.variance)
+    weight, variance = mixture.weight[order], mixture.variance[order]
+    integral = interval_integrals(-half_width, half_width, variance, MAX_MOMENT)
+    response = np.zeros((weight.size + 1, len(_PAIRS), half_width.size))
+    for n, (a, b) in enumerate(_PAIRS):
+        response[:-1, n] = integral[a] * integral[b] * weight[:, None]
+    return SquareResponse(
+        half_width,
+        GaussianMixture(weight, variance),
+        np.cumsum(response[::-1], axis=0)[::-1],
+        np.cumsum((np.abs(weight) * variance ** (-0.5 * MAX_MOMENT))[::-1])[::-1],
+    )
+
+
+def _even_moments(point: GeometricalImage, centre: tuple[float, float]) -> Real:
+    """E[dx^a dy^b]/(a! b!) about ``centre`` for even a and b, zero for odd: shape (MAX_MOMENT + 1,) * 2."""
+    rays = point.rays
+    x = np.vander((rays.x - centre[0]) ** 2, MAX_MOMENT // 2 + 1, increasing=True) / _FACTORIAL[::2]
+    y = np.vander((rays.y - centre[1]) ** 2, MAX_MOMENT // 2 + 1, increasing=True) / _FACTORIAL[::2]
+    moments = np.zeros((MAX_MOMENT + 1, MAX_MOMENT + 1))
+    moments[::2, ::2] = (x.T * rays.share) @ y
+    return moments
+
+
+def _last_order(moments: Real) -> float:
+    """A bound of the terms of order MAX_MOMENT for unit width and weight."""
+    a = np.arange(0, MAX_MOMENT + 1, 2)
+    return float(np.sum(moments[a, MAX_MOMENT - a] * _LARGEST[a] * _LARGEST[MAX_MOMENT - a]))
+
+
+def _by_grid(grid: SpotGrid, centres: Sequence[tuple[float, float]], half_width: Real) -> Real:
+    """The light of the grid's mixture in each square, shape [centre, box]; squares beyond it hold all."""
+    energy = np.full((len(centres), half_width.size), grid.mixture.weight.sum() * grid.mass.sum())
+    margin = TAIL * math.sqrt(float(grid.mixture.variance.max()))
+    x, y = np.array(centres).T
+    reach_x = np.maximum(grid.x[-1] - x, x - grid.x[0])
+    reach_y = np.maximum(grid.y[-1] - y, y - grid.y[0])
+    some = int(np.searchsorted(half_width, float(np.maximum(reach_x, reach_y).max()) + margin))
+    w = half_width[:some, None]
+    energy[:, :some] = 0.0
+    for weight, variance in zip(grid.mixture.weight, grid.mixture.variance - grid.tau2, strict=True):
+        width = math.sqrt(variance)
+        in_x = {c: normal_probability((c - w - grid.x) / width, (c + w - grid.x) / width) for c in set(x.tolist())}
+        for n, (cx, cy) in enumerate(centres):
+            in_y = normal_probability((cy - w - grid.y) / width, (cy + w - grid.y) / width)
+            energy[n, :some] += weight * np.sum((in_y @ grid.mass) * in_x[cx], axis=1)
+    return energy
