@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
-from psfcli.image.point import WavelengthScatter, field_image, wavelength_scatter
+from psfcli.image.point import WavelengthScatter, field_images, wavelength_scatter
 from psfcli.planning.plan import Plan, plan_scene
 from psfcli.products.arrays import Result, gather
 from psfcli.products.header import RunHeader
@@ -48,27 +48,31 @@ def plan(system: System, *, with_cube: bool = True, jobs: int = 1) -> Plan:
 def images(scene: Plan, jobs: int = 1) -> Iterator[tuple[int, int, FieldImage]]:
     """Yield (wavelength index, field index, image), wavelength after wavelength, fields in order.
 
-    Images are computed one by one, or by ``jobs`` processes that take whole fields and hold no more of them than there
-    are processes; with one BLAS thread each, so that the numbers do not depend on ``jobs``.
+    A few fields are computed together, in this process or in one of ``jobs`` that hold no more of them than there are
+    processes; with one BLAS thread each, so that the numbers do not depend on ``jobs``.
     """
-    order = [(w, f) for w in range(len(scene.wavelengths)) for f in range(len(scene.fields))]
+    count = len(scene.fields)
+    parts = [range(f, min(f + scene.together, count)) for f in range(0, count, scene.together)]
+    order = [(w, part) for w in range(len(scene.wavelengths)) for part in parts]
     with threadpool_limits(limits=1, user_api="blas"):
         if jobs == 1:
             scatter = None
-            for w, f in order:
-                if f == 0 or scatter is None:
+            for w, part in order:
+                if part.start == 0 or scatter is None:
                     scatter = _scatter(scene, w)
-                yield w, f, _image(scene, scatter, f)
+                for f, image in zip(part, _images(scene, scatter, part), strict=True):
+                    yield w, f, image
             return
         scatters = [_scatter(scene, w) for w in range(len(scene.wavelengths))]
         # forked processes begin with everything loaded and computed so far; elsewhere they load it again
         method = "fork" if "fork" in get_all_start_methods() else "spawn"
         with ProcessPoolExecutor(jobs, get_context(method), _adopt, (scene, scatters)) as pool:
-            ahead: deque[Future[FieldImage]] = deque()
-            for i, (w, f) in enumerate(order):
+            ahead: deque[Future[list[FieldImage]]] = deque()
+            for i, (w, part) in enumerate(order):
                 while len(ahead) <= jobs and i + len(ahead) < len(order):
-                    ahead.append(pool.submit(_adopted_image, *order[i + len(ahead)]))
-                yield w, f, ahead.popleft().result()
+                    ahead.append(pool.submit(_adopted_images, *order[i + len(ahead)]))
+                for f, image in zip(part, ahead.popleft().result(), strict=True):
+                    yield w, f, image
 
 
 _adopted: tuple[Plan, list[WavelengthScatter]] | None = None  # what a worker process works on
@@ -79,11 +83,11 @@ def _adopt(scene: Plan, scatters: list[WavelengthScatter]) -> None:
     _adopted = scene, scatters
 
 
-def _adopted_image(w: int, f: int) -> FieldImage:
+def _adopted_images(w: int, part: range) -> list[FieldImage]:
     assert _adopted is not None
     scene, scatters = _adopted
     with threadpool_limits(limits=1, user_api="blas"):
-        return _image(scene, scatters[w], f)
+        return list(_images(scene, scatters[w], part))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +107,7 @@ def trials(scene: Plan, wavelength_index: int, field_indices: Sequence[int]) -> 
         scatter = _scatter(scene, wavelength_index)
         for index in field_indices:
             started = time.perf_counter()
-            image = _image(scene, scatter, index)
+            (image,) = _images(scene, scatter, [index])
             tried.append(Trial(index, scatter.halo.mixture.weight.size, image, time.perf_counter() - started))
     return tried
 
@@ -122,10 +126,10 @@ def _scatter(scene: Plan, w: int) -> WavelengthScatter:
         raise SceneError(f"at {1e6 * scene.wavelengths[w]:.6g} nm: {error}") from error
 
 
-def _image(scene: Plan, scatter: WavelengthScatter, field_index: int) -> FieldImage:
-    return field_image(
+def _images(scene: Plan, scatter: WavelengthScatter, field_indices: Sequence[int]) -> Iterator[FieldImage]:
+    return field_images(
         scene.telescope,
-        scene.fields[field_index],
+        [scene.fields[index] for index in field_indices],
         scatter,
         scene.detector,
         scene.tolerance,

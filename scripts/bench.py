@@ -29,7 +29,8 @@ import psfcli
 from psfcli import recipe
 from psfcli.image.geometric import azimuth_rule, ray_fans
 from psfcli.image.grid import Detector
-from psfcli.image.point import field_image, wavelength_scatter
+from psfcli.image.point import WavelengthScatter, field_images, wavelength_scatter
+from psfcli.planning.plan import Plan
 from psfcli.surface.harvey_shack import horizon, phase_variance, surface_transfer_function
 from psfcli.telescope.system import Field
 from psfcli.tolerance import Tolerance
@@ -124,22 +125,21 @@ def rays(system: psfcli.config.System, field: Field, count: int, seed: int = 0) 
     return np.bincount(row[hit] * n + column[hit], minlength=n * n).reshape(n, n) / count
 
 
+def shared_scatter(scene: Plan) -> WavelengthScatter:
+    """What all fields of the first wavelength share."""
+    return wavelength_scatter(
+        scene.surfaces, scene.telescope, scene.wavelengths[0], scene.half_widths, scene.reach, scene.tolerance
+    )
+
+
 def one_field(system: psfcli.config.System, tolerance: Tolerance) -> Callable[[], np.ndarray]:
     """A call that computes the scatter and one field of ``system`` with everything the products hold."""
     scene = recipe.plan(replace(system, tolerance=tolerance))
 
     def compute() -> np.ndarray:
-        scatter = wavelength_scatter(
-            scene.surfaces, scene.telescope, scene.wavelengths[0], scene.reach, scene.tolerance
-        )
-        image = field_image(
-            scene.telescope,
-            scene.fields[0],
-            scatter,
-            scene.detector,
-            scene.half_widths,
-            scene.tolerance,
-            with_cube=True,
+        scatter = shared_scatter(scene)
+        (image,) = field_images(
+            scene.telescope, scene.fields, scatter, scene.detector, scene.tolerance, with_cube=True
         )
         assert image.psf is not None
         return image.psf if image.psf_over is None else image.psf_over
@@ -180,7 +180,7 @@ def large_kernel() -> None:
     system = psfcli.load(PAPER, fields=["0.5 deg"])
     detector = Detector(system.detector.pixel, 2559, 1, "pixel")
     scene = recipe.plan(replace(system, detector=detector))
-    scatter = wavelength_scatter(scene.surfaces, scene.telescope, scene.wavelengths[0], scene.reach, scene.tolerance)
+    scatter = shared_scatter(scene)
     size = fft.next_fast_len(2559, real=True)
     plane = np.random.default_rng(0).random((size, size))
     from psfcli.image.composite import add_unscattered, scattered_image

@@ -101,7 +101,7 @@ def test_boxes_are_within_every_tolerance_and_errors_are_told(index):
         [[specular_energy(case, x - h, x + h, y - h, y + h, 1e-10) for h in half_width] for x, y in centres]
     )
     for tolerance in (1e-3, 1e-5, 1e-8):
-        boxes, told = unscattered_in_boxes(point, centres, half_width, tolerance)
+        ((boxes, told),) = unscattered_in_boxes([point], [centres], half_width, tolerance)
         true = np.abs(boxes - exact).max()
         assert true <= tolerance + 2e-10  # the judge's, as above
         assert told >= (true - 2e-10) / 3.0
@@ -180,7 +180,7 @@ def test_a_line_focus_has_a_length_and_no_width(obscuration):
     np.testing.assert_allclose(grid.sum(axis=1), exact, atol=1e-8)
     tangential = produced(case_of((0.0, 1.0), obscuration, W222=2e-4, W220=-2e-4))  # now y is sharp
     half_width = half_length * np.array([1e-9, 0.3, 1.0 + 1e-9])
-    boxes, _ = unscattered_in_boxes(tangential, [(0.0, 0.0)], half_width, 1e-8)
+    ((boxes, _),) = unscattered_in_boxes([tangential], [[(0.0, 0.0)]], half_width, 1e-8)
     exact = [line_focus(half_length, obscuration, -h, h) for h in half_width]
     np.testing.assert_allclose(boxes[0], exact, atol=1e-8)
 
@@ -193,7 +193,7 @@ def test_a_perfect_image_lies_on_a_pixel_or_is_shared_by_four(sector):
     assert corner.sum() == pytest.approx(1.0, abs=1e-12)
     centre, _ = unscattered_on_grid(point, PIXEL * (np.arange(4) - 1.5), PIXEL * (np.arange(4) - 1.5), 1e-8)
     assert centre[1, 1] == pytest.approx(1.0, abs=1e-12)
-    boxes, _ = unscattered_in_boxes(point, [(0.0, 0.0), (0.0, 3.0 * PIXEL)], PIXEL * np.array([1e-6, 2.0, 4.0]), 1e-8)
+    ((boxes, _),) = unscattered_in_boxes([point], [[(0.0, 0.0), (0.0, 3.0 * PIXEL)]], PIXEL * np.array([1e-6, 2.0, 4.0]), 1e-8)
     np.testing.assert_allclose(boxes, [[1.0, 1.0, 1.0], [0.0, 0.0, 1.0]], atol=1e-12)
 
 
@@ -218,7 +218,7 @@ def test_finer_obscurations_make_thinner_rings_of_the_same_light():
     # obscuration -> 1: one ring; defocus puts all of it at one radius
     point = produced(case_of((0.0, 0.0), 1.0 - 1e-9, W020=3e-4))
     radius = 2.0 * 3e-4 / SLOPE
-    boxes, _ = unscattered_in_boxes(point, [(0.0, 0.0)], radius * np.array([0.7, math.sqrt(0.5), 0.9, 1.0]), 1e-7)
+    ((boxes, _),) = unscattered_in_boxes([point], [[(0.0, 0.0)]], radius * np.array([0.7, math.sqrt(0.5), 0.9, 1.0]), 1e-7)
     # a square of half width h > r/sqrt 2 cuts four arcs of half angle arccos(h/r)
     expected = [0.0, 0.0, 1.0 - 8.0 * math.acos(0.9) / (2.0 * math.pi), 1.0]
     np.testing.assert_allclose(boxes[0][[0, 2, 3]], [expected[0], expected[2], expected[3]], atol=1e-6)

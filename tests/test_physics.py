@@ -10,7 +10,7 @@ from truth.cases import DISTANCES, SEIDEL, WAVELENGTH
 
 from psfcli.image.geometric import geometrical_image, ray_fans, spot_statistics
 from psfcli.image.grid import Detector
-from psfcli.image.point import field_image, wavelength_scatter
+from psfcli.image.point import field_images, wavelength_scatter
 from psfcli.image.scatter import scatter_table, scattered_light
 from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.surface.autocovariance import autocovariance, decorrelation
@@ -46,8 +46,9 @@ def only(**terms: float) -> Telescope:
 
 def imaged(telescope, surfaces, field=0.0, pixels=8, accuracy=PRESETS["reference"]):
     detector, boxes = Detector(PIXEL, pixels), PIXEL * np.array([0.1, 0.5, 2.0, 16.0])
-    scatter = wavelength_scatter(surfaces, telescope, WAVELENGTH, 2.0, accuracy)
-    return field_image(telescope, Field(field), scatter, detector, boxes, accuracy, with_cube=True)
+    scatter = wavelength_scatter(surfaces, telescope, WAVELENGTH, boxes, 2.0, accuracy)
+    (image,) = field_images(telescope, [Field(field)], scatter, detector, accuracy, with_cube=True)
+    return image
 
 
 # -- roughness

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,26 +38,24 @@ def box_centres(spot: Spot) -> tuple[tuple[float, float], ...]:
 
 
 def ensquared_energy(
-    point: GeometricalImage, halo: Halo, squares: SquareResponse, tolerance: Tolerance
-) -> tuple[EnsquaredEnergy, Real, float]:
-    """Energies in the ``squares``, of the ``halo``'s mixture, about each of the ``box_centres``, within ``tolerance.ee``;
+    points: Sequence[GeometricalImage], halo: Halo, squares: SquareResponse, tolerance: Tolerance
+) -> Iterator[tuple[EnsquaredEnergy, Real, float]]:
+    """Energies in the ``squares``, of the ``halo``'s mixture, about each of the ``box_centres``, for each point.
 
-    of these the scattered light about the Gaussian image point, shape [box], and the estimated error of the
-    unscattered light in any box; both as fractions of all light.
+    Within ``tolerance.ee``. With each come the scattered light about the Gaussian image point, shape [box], and the
+    estimated error of the unscattered light in any box; both as fractions of all light.
     """
-    centres = box_centres(point.spot)
-    distinct = list(dict.fromkeys(centres))
-    half_width = squares.half_width
-    shares = dict(zip(distinct, squares.energy(point, distinct, tolerance.ee), strict=True))
-    energy, error = dict(shares), 0.0
-    if halo.unscattered_weight > 0.0:
-        unscattered, error = unscattered_in_boxes(
-            point, distinct, half_width, 0.5 * tolerance.ee / halo.unscattered_weight
-        )
-        for centre, inside in zip(distinct, unscattered, strict=True):
-            energy[centre] = shares[centre] + halo.unscattered_weight * inside
-        error *= halo.unscattered_weight
-    # a box that holds all may come out above 1 by the error allowed
-    ee, chief, centroid = (np.minimum(energy[centre], 1.0) for centre in centres)
+    distinct = [list(dict.fromkeys(box_centres(point.spot))) for point in points]
+    half_width, weight = squares.half_width, halo.unscattered_weight
+    if weight > 0.0:
+        unscattered = unscattered_in_boxes(points, distinct, half_width, 0.5 * tolerance.ee / weight)
+    else:
+        unscattered = [(np.zeros((len(some), half_width.size)), 0.0) for some in distinct]
     unaberrated = np.minimum(unaberrated_energy(halo, half_width), 1.0)
-    return EnsquaredEnergy(half_width, ee, chief, centroid, unaberrated), shares[centres[0]], error
+    for point, some, (inside, error) in zip(points, distinct, unscattered, strict=True):
+        scattered = squares.energy(point, some, tolerance.ee)
+        # a box that holds all may come out above 1 by the error allowed
+        energy = dict(zip(some, np.minimum(scattered + weight * inside, 1.0), strict=True))
+        ee, chief, centroid = (energy[centre] for centre in box_centres(point.spot))
+        at_origin = scattered[some.index((0.0, 0.0))]
+        yield EnsquaredEnergy(half_width, ee, chief, centroid, unaberrated), at_origin, weight * error

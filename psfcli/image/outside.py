@@ -34,26 +34,33 @@ _FARTHEST_RAY_SHARE = 0.25  # ray spacing as a share of the distance to the near
 
 @dataclass(frozen=True, slots=True)
 class EncircledEnergy:
-    """Scattered light within radius R as a fraction of all light, tabulated at ``exp(log_start + i step)`` [mm]."""
+    """Scattered light within radius R as a fraction of all light: a polynomial per step of ln R.
+
+    ``coefficients`` (6, steps), of falling power of (ln R - log_start)/step - i on step i.
+    """
 
     log_start: float
     step: float
-    energy: Real
+    coefficients: Real
+
+    @classmethod
+    def through(cls, log_start: float, step: float, energy: Real) -> EncircledEnergy:
+        """Six-point Lagrange interpolation of ``energy`` at ``exp(log_start + i step)`` [mm], for 2 <= i < n - 3."""
+        nodes = np.arange(-2.0, 4.0)
+        to_polynomial = np.linalg.inv(np.vander(nodes))
+        neighbours = np.lib.stride_tricks.sliding_window_view(energy, nodes.size)
+        return cls(log_start + 2.0 * step, step, to_polynomial @ neighbours.T)
 
     def within(self, radius: Real) -> Real:
-        """The energy within ``radius`` [mm] by six-point Lagrange interpolation in ln R; shape of ``radius``."""
+        """The energy within ``radius`` [mm]; shape of ``radius``. Beyond the table, that at its end."""
         with np.errstate(divide="ignore"):
             place = (np.log(radius) - self.log_start) / self.step
-        place = np.clip(place, 2.0, self.energy.size - 4.0)
-        index = np.minimum(place.astype(np.intp), self.energy.size - 4)
+        place = np.clip(place, 0.0, self.coefficients.shape[1] - 1.0)
+        index = place.astype(np.intp)
         x = place - index
-        total = np.zeros_like(x)
-        for i in range(-2, 4):
-            basis = np.ones_like(x)
-            for j in range(-2, 4):
-                if j != i:
-                    basis *= (x - j) / (i - j)
-            total += basis * self.energy[index + i]
+        total = self.coefficients[0][index]
+        for coefficient in self.coefficients[1:]:
+            total = total * x + coefficient[index]
         return total
 
 
@@ -89,7 +96,7 @@ def encircled_energy(
     offset = fft.fhtoffset(step, mu=1.0, bias=-0.5)
     energy = fft.fht(h, step, mu=1.0, offset=offset, bias=-0.5)
     # fht's output is at k = exp(offset)/q, reversed, and k = 2 pi R
-    return EncircledEnergy(float(offset - log_q[-1] - math.log(2.0 * math.pi)), step, energy)
+    return EncircledEnergy.through(float(offset - log_q[-1] - math.log(2.0 * math.pi)), step, energy)
 
 
 def outside_window(

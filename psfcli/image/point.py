@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from psfcli.image.geometric import GeometricalImage, geometrical_image
 from psfcli.image.grid import Detector
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
 from psfcli.image.rectangle import Rectangles, scattered_in_rectangles
-from psfcli.image.result import FieldImage
+from psfcli.image.result import EnsquaredEnergy, FieldImage
 from psfcli.image.scatter import Halo, scattered_light
 from psfcli.image.squares import SquareResponse, square_response
 from psfcli.surface.surface import Surface
@@ -71,21 +71,36 @@ def wavelength_scatter(
     )
 
 
-def field_image(
+def field_images(
     telescope: Telescope,
-    field: Field,
+    fields: Sequence[Field],
+    scatter: WavelengthScatter,
+    detector: Detector,
+    tolerance: Tolerance,
+    *,
+    with_cube: bool,
+) -> Iterator[FieldImage]:
+    """The images of ``fields``: pixels (when ``with_cube``), ensquared energy, light outside, errors reached."""
+    points = [geometrical_image(telescope, field) for field in fields]
+    energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance)
+    for point, (ensquared, scattered, error) in zip(points, energies, strict=True):
+        truth = scatter.judge.energy(point, [(0.0, 0.0)], tolerance.ee / _REFINEMENT)[0]
+        error += float(np.max(np.abs(scattered[scatter.judged] - truth), initial=0.0))
+        yield _field_image(point, ensquared, error, scatter, detector, tolerance, with_cube=with_cube)
+
+
+def _field_image(
+    point: GeometricalImage,
+    ensquared: EnsquaredEnergy,
+    ee_error: float,
     scatter: WavelengthScatter,
     detector: Detector,
     tolerance: Tolerance,
     *,
     with_cube: bool,
 ) -> FieldImage:
-    """The image of ``field``: pixels (when ``with_cube``), ensquared energy, light outside, errors reached."""
-    point = geometrical_image(telescope, field)
+    """The image of one point, whose ensquared energy and its error are known."""
     halo = scatter.halo
-    ensquared, scattered, ee_error = ensquared_energy(point, halo, scatter.squares, tolerance)
-    truth = scatter.judge.energy(point, [(0.0, 0.0)], tolerance.ee / _REFINEMENT)[0]
-    ee_error += float(np.max(np.abs(scattered[scatter.judged] - truth), initial=0.0))
     outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
     psf = psf_over = None
     pixel_error = 0.0

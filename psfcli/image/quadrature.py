@@ -50,22 +50,22 @@ class Rule:
 
 
 def integrate_adaptively(
-    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: float
+    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: Real
 ) -> Rule:
-    """A rule for the integrals of ``functions`` over slices from ``left`` to ``right``, within ``tolerance`` for each.
+    """A rule for the integrals of ``functions`` over slices from ``left`` to ``right``.
 
-    ``functions(node, group)`` gives (nodes, functions). Slices of one ``group`` (0, 1, ...) follow one another.
+    Within ``tolerance`` (groups,) for each function. ``functions(node, group)`` gives (nodes, functions). Slices of one ``group`` (0, 1, ...) follow one another.
     Slices are judged one by one, and many small errors may add up to a large one: then their groups are done again,
-    more strictly. A group's error exceeds the tolerance only where it would take more than a reasonable number of
+    more strictly. An error exceeds the tolerance only where it would take more than a reasonable number of
     nodes.
     """
     rule = _halved_until(functions, left, right, group, tolerance)
-    strictness = 1.0
+    strictness = np.ones(tolerance.size)
     while True:
         loose = rule.error > tolerance
-        if not loose.any() or rule.node.size > _MOST_NODES:
+        if not loose.any() or rule.node.size > _MOST_NODES * tolerance.size:
             return rule
-        strictness *= 2.0 * max(2.0, float(rule.error.max()) / tolerance)
+        strictness[loose] *= 2.0 * np.maximum(2.0, rule.error[loose] / tolerance[loose])
         some = loose[group]
         again = _halved_until(functions, left[some], right[some], group[some], tolerance / strictness)
         keep = ~loose[rule.group]
@@ -85,7 +85,7 @@ def _padded(rows: Real, count: int) -> Real:
 
 
 def _halved_until(
-    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: float
+    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: Real
 ) -> Rule:
     """A rule made by halving slices until each is within its share of ``tolerance``.
 
@@ -113,8 +113,8 @@ def _halved_until(
             inner = 4.0 * (fl + fr)
             outer = fa + fb
             change = np.abs(twelfth * (inner - outer - 6.0 * fm))
-            done = change.max(axis=1) <= tolerance * np.maximum((b - a) / whole[g], _LEAST_SHARE)
-            done |= count > _MOST_NODES
+            done = change.max(axis=1) <= tolerance[g] * np.maximum((b - a) / whole[g], _LEAST_SHARE)
+            done |= count > _MOST_NODES * whole.size
             doubt = doubt + _sum_by_group(change[done], g[done], whole.size)
             integral = integral + _sum_by_group((twelfth * (outer + inner + 2.0 * fm))[done], g[done], whole.size)
             for place, weight in ((0.0, 1.0), (0.25, 4.0), (0.5, 2.0), (0.75, 4.0), (1.0, 1.0)):

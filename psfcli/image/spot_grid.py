@@ -20,7 +20,7 @@ from psfcli.surface.mixture import GaussianMixture
 
 Real = NDArray[np.float64]
 
-_OCTAVE = 2.0  # widths that share a grid differ by less than this factor
+_LIKE = 8.0  # widths that share a grid differ by less than this factor
 _TAU2 = 0.75  # tau^2 over s^2 of the narrowest Gaussian
 _TILE = 16.0  # widths: rays are laid down by tiles of this size
 
@@ -40,8 +40,8 @@ class SpotGrid:
 
 
 def spot_grids(point: GeometricalImage, mixture: GaussianMixture, spacing: Real) -> Iterator[SpotGrid]:
-    """A grid for each octave of the Gaussians of a ``mixture``, from rays ``spacing`` [mm] apart for each term."""
-    octave = np.floor(0.5 * np.log(mixture.variance / mixture.variance.min(initial=math.inf)) / math.log(_OCTAVE))
+    """A grid for all Gaussians of like width in a ``mixture``, from rays ``spacing`` [mm] apart for each term."""
+    octave = np.floor(0.5 * np.log(mixture.variance / mixture.variance.min(initial=math.inf)) / math.log(_LIKE))
     for this in np.unique(octave):
         some = octave == this
         members = GaussianMixture(mixture.weight[some], mixture.variance[some])
@@ -77,8 +77,7 @@ def _nodes(position: Real, margin: float, step: float, *, symmetric: bool) -> Re
         high = max(high, -low)
         low = -high
     count = math.ceil((high - low) / step) + 1
-    nodes: Real = 0.5 * (low + high) + step * (np.arange(count) - 0.5 * (count - 1))
-    return nodes
+    return 0.5 * (low + high) + step * (np.arange(count, dtype=np.float64) - 0.5 * (count - 1))
 
 
 def _near(nodes: Real, position: Real, margin: float) -> slice:

@@ -7,14 +7,16 @@ a corner of the cell, the rim or a fold, so slices are halved where they matter 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.crossings import light_in_squares, pieces_between
-from psfcli.image.geometric import GeometricalImage, along_fans, ray_fans
+from psfcli.image.geometric import GeometricalImage, along_fans
 from psfcli.image.quadrature import integrate_adaptively
+from psfcli.telescope.aberration import transverse_aberration_along_azimuths
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -56,7 +58,7 @@ def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, t
         bounds[:-1],
         bounds[1:],
         np.zeros(bounds.size - 1, dtype=np.intp),
-        tolerance * (stop - start),
+        np.array([tolerance * (stop - start)]),
     )
     if modulus == rows * columns:
         energy = rule.integral[0]
@@ -70,46 +72,72 @@ def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, t
 
 
 def unscattered_in_boxes(
-    point: GeometricalImage, centres: Sequence[tuple[float, float]], half_width: Real, tolerance: float
-) -> tuple[Real, float]:
-    """Fractions of the unscattered light in squares of increasing ``half_width`` [mm] about each of the ``centres``,
+    points: Sequence[GeometricalImage],
+    centres: Sequence[Sequence[tuple[float, float]]],
+    half_width: Real,
+    tolerance: float,
+) -> list[tuple[Real, float]]:
+    """Fractions of the unscattered light in squares of increasing ``half_width`` [mm] about the ``centres`` of each of
 
-    shape [centre, box], and their estimated error.
+    the ``points``, shape [centre, box], and their estimated error. All points are of one telescope: they are
+    integrated together, which costs less than one by one.
     """
-    place = np.array(centres)
-    inside = np.ones((len(centres), half_width.size))
-    some = int(np.searchsorted(half_width, _farthest(point, place)))  # boxes beyond hold all
-    half_width = half_width[:some]
-    if some == 0:
-        return inside, 0.0
-    symmetric = point.mirror_symmetric and not np.any(place[:, 0])
-    start, stop = _azimuths(point, half=symmetric)
+    about = [_About.of(point, centre) for point, some in zip(points, centres, strict=True) for centre in some]
+    some = int(np.searchsorted(half_width, max(each.farthest for each in about)))  # boxes beyond hold all
+    inside = np.ones((len(about), half_width.size))
+    error = np.zeros(len(about))
+    if some:
+        place = np.array([each.centre for each in about])
+        relative_field = np.array([each.relative_field for each in about])
+        start, stop = np.array([each.azimuths for each in about]).T
+        telescope = points[0].telescope
+        pupil = telescope.pupil
 
-    def energy(azimuth: Real, centre: Index) -> Real:
-        """The light of each fan within each box about its centre, shape (azimuths, boxes)."""
-        fans_x, fans_y = ray_fans(point.telescope, point.field, azimuth)
-        fans_x[0] -= place[centre, 0]
-        fans_y[0] -= place[centre, 1]
-        return light_in_squares(fans_x, fans_y, point.telescope.pupil.obscuration, half_width)
+        def fans(azimuth: Real, group: Index) -> tuple[Real, Real]:
+            """The fans of each group along ``azimuth``, counted from the group's centre."""
+            fans_x, fans_y = transverse_aberration_along_azimuths(
+                telescope.seidel, tuple(relative_field[group].T), azimuth, telescope.image_slope
+            )
+            fans_x[0] -= place[group, 0]
+            fans_y[0] -= place[group, 1]
+            return fans_x, fans_y
 
-    bounds = [_slices_about(point, (float(x), float(y)), start, stop, tolerance) for x, y in place]
-    rule = integrate_adaptively(
-        energy,
-        np.concatenate([b[:-1] for b in bounds]),
-        np.concatenate([b[1:] for b in bounds]),
-        np.repeat(np.arange(len(centres)), [b.size - 1 for b in bounds]),
-        tolerance * (stop - start),
-    )
-    inside[:, :some] = np.minimum(rule.integral / (stop - start), 1.0)
-    return inside, float(rule.error.max()) / (stop - start)
+        left, right, group = _slices_about(fans, pupil.obscuration, start, stop, tolerance)
+        rule = integrate_adaptively(
+            lambda azimuth, group: light_in_squares(*fans(azimuth, group), pupil.obscuration, half_width[:some]),
+            left,
+            right,
+            group,
+            tolerance * (stop - start),
+        )
+        inside[:, :some] = np.minimum(rule.integral / (stop - start)[:, None], 1.0)
+        error = rule.error / (stop - start)
+    ends = np.cumsum([len(some) for some in centres])
+    return [
+        (rows, float(errors.max()))
+        for rows, errors in zip(np.split(inside, ends[:-1]), np.split(error, ends[:-1]), strict=True)
+    ]
 
 
-def _farthest(point: GeometricalImage, centres: Real) -> float:
-    """A half width [mm] at which boxes about any of the ``centres`` hold the whole spot."""
-    spot = point.spot
-    reach_x = np.maximum(spot.x_max - centres[:, 0], centres[:, 0] - spot.x_min)
-    reach_y = np.maximum(spot.y_max - centres[:, 1], centres[:, 1] - spot.y_min)
-    return 1.01 * float(np.maximum(reach_x, reach_y).max())
+@dataclass(frozen=True, slots=True)
+class _About:
+    """Boxes about one ``centre`` [mm] of one image: the lit ``azimuths``, and a half width that holds the whole spot."""
+
+    centre: tuple[float, float]
+    relative_field: tuple[float, float]
+    azimuths: tuple[float, float]
+    farthest: float
+
+    @classmethod
+    def of(cls, point: GeometricalImage, centre: tuple[float, float]) -> _About:
+        """The boxes about ``centre`` of ``point``."""
+        spot, (x, y) = point.spot, centre
+        return cls(
+            centre,
+            point.telescope.relative_field(point.field),
+            _azimuths(point, half=point.mirror_symmetric and x == 0.0),
+            1.01 * max(spot.x_max - x, x - spot.x_min, spot.y_max - y, y - spot.y_min),
+        )
 
 
 def _azimuths(point: GeometricalImage, *, half: bool) -> tuple[float, float]:
@@ -129,27 +157,41 @@ def _slice_count(start: float, stop: float, tolerance: float) -> int:
 
 
 def _slices_about(
-    point: GeometricalImage, centre: tuple[float, float], start: float, stop: float, tolerance: float
-) -> Real:
-    """Bounds of slices for boxes about a ``centre``, where they shrink to nothing.
+    fans: Callable[[Real, Index], tuple[Real, Real]], inner: float, start: Real, stop: Real, tolerance: float
+) -> tuple[Real, Real, Index]:
+    """First slices (left, right, group) for boxes about the origin of each group, where they shrink to nothing.
 
     Slices whose fans pass at a distance d are no wider there than d, down to boxes that hold less than the tolerance.
     """
-    bounds = np.linspace(start, stop, _slice_count(start, stop, tolerance) + 1)
-    rho = np.linspace(point.telescope.pupil.obscuration, 1.0, 65)
+    counts = [_slice_count(a, b, tolerance) for a, b in zip(start, stop, strict=True)]
+    bound = np.concatenate([np.linspace(a, b, n + 1) for a, b, n in zip(start, stop, counts, strict=True)])
+    group = np.repeat(np.arange(start.size), np.array(counts) + 1)
+    rho = np.linspace(inner, 1.0, 33)
     while True:
-        fans_x, fans_y = ray_fans(point.telescope, point.field, bounds)
-        x, y = along_fans(fans_x, rho) - centre[0], along_fans(fans_y, rho) - centre[1]
-        distance = np.hypot(x, y)
-        hop = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0))
+        fans_x, fans_y = fans(bound, group)
+        x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
+        distance = _length(x, y)
+        hop = _length(x[1:] - x[:-1], y[1:] - y[:-1])
         # the fan may come closer between two of its points, by half the way from one to the next
-        closest = distance - 0.5 * np.maximum(np.vstack([hop, hop[-1]]), np.vstack([hop[0], hop]))
-        closest = np.maximum(closest, math.sqrt(tolerance) * distance.max())
-        width = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1))
-        split = np.any(width > 2.0 * np.maximum(closest[:, 1:], closest[:, :-1]), axis=0)
-        if not split.any() or bounds.size > _MOST_FIRST_SLICES:
-            return bounds
-        bounds = np.sort(np.append(bounds, 0.5 * (bounds[:-1] + bounds[1:])[split]))
+        closest = distance.copy()
+        closest[:-1] -= 0.5 * hop
+        np.minimum(closest[1:], distance[1:] - 0.5 * hop, out=closest[1:])
+        farthest = np.zeros(start.size)
+        np.maximum.at(farthest, group, distance.max(axis=0))
+        closest = np.maximum(closest, math.sqrt(tolerance) * farthest[group])
+        width = _length(x[:, 1:] - x[:, :-1], y[:, 1:] - y[:, :-1])
+        slices = np.flatnonzero(group[1:] == group[:-1])
+        split = slices[np.any(width > 2.0 * np.maximum(closest[:, 1:], closest[:, :-1]), axis=0)[slices]]
+        if split.size == 0 or bound.size > _MOST_FIRST_SLICES * start.size:
+            return bound[slices], bound[slices + 1], group[slices]
+        middle = 0.5 * (bound[split] + bound[split + 1])
+        bound, group = np.insert(bound, split + 1, middle), np.insert(group, split + 1, group[split])
+
+
+def _length(x: Real, y: Real) -> Real:
+    """What hypot gives, faster, where squares neither overflow nor matter when they vanish."""
+    length: Real = np.sqrt(x * x + y * y)
+    return length
 
 
 def _cells(position: Real, edges: Real) -> tuple[Assignment, Assignment]:

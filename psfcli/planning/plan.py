@@ -22,6 +22,8 @@ Real = NDArray[np.float64]
 
 _BYTES = 8
 _WORKING_COPIES = 3  # the image, a product of matrices before it is added, and a plane on its way to a file
+_TOGETHER = 8  # fields computed at a time: more gain nothing
+_PIXELS_TOGETHER = 1_000_000  # of all fields computed at a time
 _OVERHEAD = 150e6  # the interpreter and its libraries
 
 
@@ -31,7 +33,7 @@ class Plan:
 
     ``reach`` [mm] is the farthest distance from the image point that anything asks for; ``half_widths`` [mm] the boxes,
     increasing; ``scatter`` one row of surfaces and ``specular_fractions`` one number per wavelength; ``spots`` one per
-    field; ``memory`` and ``output`` in bytes; ``warnings`` one line each.
+    field; ``together`` fields are computed at a time; ``memory`` and ``output`` in bytes; ``warnings`` one line each.
     """
 
     telescope: Telescope
@@ -46,6 +48,7 @@ class Plan:
     scatter: tuple[tuple[SurfaceScatter, ...], ...]
     specular_fractions: tuple[float, ...]
     spots: tuple[Spot, ...]
+    together: int
     memory: float
     output: float
     warnings: tuple[str, ...]
@@ -87,6 +90,7 @@ def plan_scene(
         reach = max(reach, math.hypot(max(-x_start, x_stop), max(-y_start, y_stop)))
     reach += 2.0 * _largest_aberration(telescope, fields)
     planes = detector.sub_pixels**2 + (detector.pixels**2 if detector.oversample > 1 else 0)
+    together = max(1, min(_TOGETHER, _PIXELS_TOGETHER // planes)) if with_cube else _TOGETHER
     return Plan(
         telescope=telescope,
         surfaces=tuple(surfaces),
@@ -100,7 +104,8 @@ def plan_scene(
         scatter=scatter,
         specular_fractions=tuple(math.exp(-sum(row.g for row in rows)) for rows in scatter),
         spots=spots,
-        memory=_OVERHEAD + (_WORKING_COPIES * jobs * _BYTES * planes if with_cube else 0.0),
+        together=together,
+        memory=_OVERHEAD + ((_WORKING_COPIES + together - 1) * jobs * _BYTES * planes if with_cube else 0.0),
         output=float(_BYTES * planes * len(fields) * len(wavelengths)) if with_cube else 0.0,
         warnings=tuple(_remarks(telescope, surfaces, reach)),
     )
