@@ -6,9 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_all_start_methods, get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +22,8 @@ from psfcli.surface.mixture import MixtureError
 from psfcli.tolerance import Tolerance
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from psfcli.config.model import System
     from psfcli.image.result import FieldImage
 
@@ -63,6 +63,9 @@ def images(scene: Plan, jobs: int = 1) -> Iterator[tuple[int, int, FieldImage]]:
                 for f, image in zip(part, _images(scene, scatter, part), strict=True):
                     yield w, f, image
             return
+        from concurrent.futures import ProcessPoolExecutor  # here, for few runs need them
+        from multiprocessing import get_all_start_methods, get_context
+
         scatters = [_scatter(scene, w) for w in range(len(scene.wavelengths))]
         # forked processes begin with everything loaded and computed so far; elsewhere they load it again
         method = "fork" if "fork" in get_all_start_methods() else "spawn"

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from psfcli.products.header import ImageSummary, RunHeader
 
+_TABLE_LETTERS = {"f": "D", "i": "J", "S": "A"}  # of TFORM, by numpy's kind: float64, int32, text
 _SPOT_COLUMNS = {
     "centroid_x": "centroid_x",
     "centroid_y": "centroid_y",
@@ -103,9 +104,15 @@ def config_image(header: RunHeader) -> tuple[fits.Header, NDArray[np.uint8]]:
 
 
 def _table_header(name: str, dtype: np.dtype[Any], count: int, units: dict[str, str]) -> fits.Header:
-    cards = fits.BinTableHDU(np.zeros(0, dtype), name=name).header
-    cards["NAXIS2"] = count
+    """The header of a binary table; put together here because astropy, given data, loads its tables too (0.1 s)."""
+    cards = fits.BinTableHDU(name=name).header
+    cards["NAXIS1"], cards["NAXIS2"], cards["TFIELDS"] = dtype.itemsize, count, len(dtype.names or ())
     for number, column in enumerate(dtype.names or (), start=1):
+        element, shape = dtype[column].base, dtype[column].shape
+        repeat = element.itemsize if element.kind == "S" else math.prod(shape)
+        letter = _TABLE_LETTERS[element.kind]
+        cards[f"TTYPE{number}"] = column
+        cards[f"TFORM{number}"] = letter if repeat == 1 and not shape else f"{repeat}{letter}"
         if column in units:
-            cards.set(f"TUNIT{number}", units[column], after=f"TFORM{number}")
+            cards[f"TUNIT{number}"] = units[column]
     return cards
