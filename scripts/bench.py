@@ -138,9 +138,7 @@ def one_field(system: psfcli.config.System, tolerance: Tolerance) -> Callable[[]
 
     def compute() -> np.ndarray:
         scatter = shared_scatter(scene)
-        (image,) = field_images(
-            scene.telescope, scene.fields, scatter, scene.detector, scene.tolerance, with_cube=True
-        )
+        (image,) = field_images(scene.telescope, scene.fields, scatter, scene.detector, scene.tolerance, with_cube=True)
         assert image.psf is not None
         return image.psf if image.psf_over is None else image.psf_over
 

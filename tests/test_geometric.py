@@ -193,7 +193,8 @@ def test_a_perfect_image_lies_on_a_pixel_or_is_shared_by_four(sector):
     assert corner.sum() == pytest.approx(1.0, abs=1e-12)
     centre, _ = unscattered_on_grid(point, PIXEL * (np.arange(4) - 1.5), PIXEL * (np.arange(4) - 1.5), 1e-8)
     assert centre[1, 1] == pytest.approx(1.0, abs=1e-12)
-    ((boxes, _),) = unscattered_in_boxes([point], [[(0.0, 0.0), (0.0, 3.0 * PIXEL)]], PIXEL * np.array([1e-6, 2.0, 4.0]), 1e-8)
+    half_width = PIXEL * np.array([1e-6, 2.0, 4.0])
+    ((boxes, _),) = unscattered_in_boxes([point], [[(0.0, 0.0), (0.0, 3.0 * PIXEL)]], half_width, 1e-8)
     np.testing.assert_allclose(boxes, [[1.0, 1.0, 1.0], [0.0, 0.0, 1.0]], atol=1e-12)
 
 
@@ -218,7 +219,8 @@ def test_finer_obscurations_make_thinner_rings_of_the_same_light():
     # obscuration -> 1: one ring; defocus puts all of it at one radius
     point = produced(case_of((0.0, 0.0), 1.0 - 1e-9, W020=3e-4))
     radius = 2.0 * 3e-4 / SLOPE
-    ((boxes, _),) = unscattered_in_boxes([point], [[(0.0, 0.0)]], radius * np.array([0.7, math.sqrt(0.5), 0.9, 1.0]), 1e-7)
+    half_width = radius * np.array([0.7, math.sqrt(0.5), 0.9, 1.0])
+    ((boxes, _),) = unscattered_in_boxes([point], [[(0.0, 0.0)]], half_width, 1e-7)
     # a square of half width h > r/sqrt 2 cuts four arcs of half angle arccos(h/r)
     expected = [0.0, 0.0, 1.0 - 8.0 * math.acos(0.9) / (2.0 * math.pi), 1.0]
     np.testing.assert_allclose(boxes[0][[0, 2, 3]], [expected[0], expected[2], expected[3]], atol=1e-6)

@@ -50,7 +50,8 @@ def pieces_between(
         fans_y[0] -= origin[1]
     each = np.arange(azimuth.size)
     crossings = [
-        _crossings(_Branches.of(fans, inner), edges, np.zeros(azimuth.size)) for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))
+        _crossings(_Branches.of(fans, inner), edges, np.zeros(azimuth.size))
+        for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))
     ]
     fan = [each, each, *(c.fan for c in crossings)]
     rho = [np.full(azimuth.size, inner), np.ones(azimuth.size), *(c.rho for c in crossings)]

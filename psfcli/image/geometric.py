@@ -113,7 +113,8 @@ def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
     rho = np.linspace(telescope.pupil.obscuration, 1.0, 17)
     x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
     start, stop = telescope.pupil.sector
-    rays = ray_bundle(telescope, field, 2 * MAX_MOMENT, (2 if telescope.pupil.is_full_annulus else 8) * (MAX_MOMENT + 1))
+    azimuths = (2 if telescope.pupil.is_full_annulus else 8) * (MAX_MOMENT + 1)
+    rays = ray_bundle(telescope, field, 2 * MAX_MOMENT, azimuths)
     symmetric = telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
     return GeometricalImage(
         telescope=telescope,

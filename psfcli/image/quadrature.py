@@ -54,10 +54,10 @@ def integrate_adaptively(
 ) -> Rule:
     """A rule for the integrals of ``functions`` over slices from ``left`` to ``right``.
 
-    Within ``tolerance`` (groups,) for each function. ``functions(node, group)`` gives (nodes, functions). Slices of one ``group`` (0, 1, ...) follow one another.
-    Slices are judged one by one, and many small errors may add up to a large one: then their groups are done again,
-    more strictly. An error exceeds the tolerance only where it would take more than a reasonable number of
-    nodes.
+    Within ``tolerance`` (groups,) for each function. ``functions(node, group)`` gives (nodes, functions); the slices
+    of a ``group`` (0, 1, ...) follow one another. Slices are judged one by one, and many small errors may add up to a
+    large one: then their groups are done again, more strictly. An error exceeds the tolerance only where it would
+    take more than a reasonable number of nodes.
     """
     rule = _halved_until(functions, left, right, group, tolerance)
     strictness = np.ones(tolerance.size)

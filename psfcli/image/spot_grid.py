@@ -1,8 +1,8 @@
 """The spot on a grid: PSF_G as point masses of a grid, for Gaussians too narrow for the spot's moments [mm].
 
-N(x - x_ray; s^2) is N(x - x_i; s^2 - tau^2) summed over nodes x_i with masses h N(x_i - x_ray; tau^2): the trapezoid rule
-for a convolution of two Gaussians, with relative error 2 exp(-2 pi^2 a^2/h^2), a^2 = tau^2 (s^2 - tau^2)/s^2. Rays are
-laid on the grid once; all Gaussians of like width, and all cells and boxes, then share it, one axis at a time.
+N(x - x_ray; s^2) is N(x - x_i; s^2 - tau^2) summed over nodes x_i with masses h N(x_i - x_ray; tau^2): the trapezoid
+rule for a convolution of two Gaussians, with relative error 2 exp(-2 pi^2 a^2/h^2), a^2 = tau^2 (s^2 - tau^2)/s^2. Rays
+are laid on the grid once; all Gaussians of like width, and all cells and boxes, then share it, one axis at a time.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def unscattered_in_boxes(
 
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Boxes about one ``centre`` [mm] of one image: the lit ``azimuths``, and a half width that holds the whole spot."""
+    """Boxes about one ``centre`` [mm] of one image: lit ``azimuths``, and a half width that holds the whole spot."""
 
     centre: tuple[float, float]
     relative_field: tuple[float, float]
