@@ -27,6 +27,7 @@ Window = tuple[float, float, float, float]
 Density = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-11  # of the pupil rule, the coarser of the two of each rectangle's scattered light
+_UNSCATTERED = 3e-10  # the tolerance of unscattered light, of all light
 _MOST_CELLS = 100_000
 _CORNER_STEP = 0.05  # of asinh(X/c), for a quintic spline: 1e-10 of the light
 _EDGE_PIECE = 1.0
@@ -36,7 +37,7 @@ _RAYS_AT_ONCE = 20_000
 class Image:
     """One system's image; ``reach`` [mm] bounds the distances between its rays and any corner asked for.
 
-    Energies are fractions of all light: scattered light to 1e-8 of itself or 1e-10 of all, unscattered to 1e-10.
+    Energies are fractions of all light: scattered light to 1e-8 of itself or 1e-10 of all, unscattered to 1e-9.
     """
 
     def __init__(self, system: TruthSystem, reach: float) -> None:
@@ -49,8 +50,15 @@ class Image:
             self._corners = _corner_table(self.halo, self._core, reach)
         rho, phi = np.linspace(system.obscuration, 1.0, 65)[:, None], np.linspace(*_azimuths(system), 721)
         ex, ey = ray_error(system, rho * np.cos(phi), rho * np.sin(phi))
+        self._fan = ex.ravel(), ey.ravel()
         self.bounds = float(ex.min()), float(ex.max()), float(ey.min()), float(ey.max())
         self.is_point = self.bounds[1] == self.bounds[0] and self.bounds[3] == self.bounds[2]
+
+    def touches(self, window: Window) -> bool:
+        """Whether unscattered light falls into the window: a ray of a fan does, or there is energy."""
+        x, y = self._fan
+        x0, x1, y0, y1 = window
+        return bool(np.any((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1))) or self.unscattered(window) > 0.0
 
     def unscattered(self, window: Window) -> float:
         """Fraction of PSF_G in the window."""
@@ -62,7 +70,7 @@ class Image:
             return 1.0
         if x1 < window[0] or x0 > window[1] or y1 < window[2] or y0 > window[3]:
             return 0.0
-        return specular_energy(self.system, *window, 1e-10)
+        return specular_energy(self.system, *window, _UNSCATTERED / max(self.specular, 1e-3), panels=12)
 
     def scattered(self, window: Window) -> float:
         """Energy of PSF_G (x) S in the window."""
@@ -164,7 +172,7 @@ def _product_rule(halo: RadialScatter, window: Window, x: np.ndarray, y: np.ndar
     node, gauss = np.polynomial.legendre.leggauss(6)
     dx = 0.5 * (x1 + x0 + (x1 - x0) * node)[None, :, None] - x
     dy = 0.5 * (y1 + y0 + (y1 - y0) * node)[:, None, None] - y
-    return np.einsum("i,j,ijk->k", gauss, gauss, halo.psf(np.hypot(dx, dy))) * (x1 - x0) * (y1 - y0) / 4.0
+    return np.einsum("i,j,ijk->k", gauss, gauss, halo.psf(dx * dx + dy * dy)) * (x1 - x0) * (y1 - y0) / 4.0
 
 
 def _from_outside(halo: RadialScatter, window: Window, x: np.ndarray, y: np.ndarray, gap: np.ndarray) -> np.ndarray:
@@ -174,7 +182,7 @@ def _from_outside(halo: RadialScatter, window: Window, x: np.ndarray, y: np.ndar
     """
     x0, x1, y0, y1 = window
     edges = [(x1 - x, y0 - y, y1 - y), (x - x0, y0 - y, y1 - y), (y1 - y, x0 - x, x1 - x), (y - y0, x0 - x, x1 - x)]
-    node, gauss = np.polynomial.legendre.leggauss(12)
+    node, gauss = np.polynomial.legendre.leggauss(8)
     farthest = halo.outside(np.hypot(np.maximum(x1 - x, x - x0), np.maximum(y1 - y, y - y0)))
     total = np.zeros_like(x)
     for a, low, high in edges:
@@ -187,7 +195,7 @@ def _from_outside(halo: RadialScatter, window: Window, x: np.ndarray, y: np.ndar
             place = b[:, None] * np.sinh(v)
             square = a[:, None] ** 2 + place**2
             seen = a[:, None] * b[:, None] * np.cosh(v) / square  # dphi/dv
-            total -= half * (((halo.outside(np.sqrt(square)) - farthest[:, None]) * seen) @ gauss)
+            total -= half * (((halo.outside(square) - farthest[:, None]) * seen) @ gauss)
     return total / (2.0 * math.pi)
 
 
@@ -202,7 +210,7 @@ def _corner_table(halo: RadialScatter, core: float, reach: float) -> Density:
     X, y = core * np.sinh(grid)[:, None], (core * np.sinh(t)).ravel()
     dy = (0.5 * _CORNER_STEP * gauss * core * np.cosh(t)).ravel()
     square = X * X + y * y
-    steps = halo.inside(np.sqrt(square)) * X / square * dy / (2.0 * math.pi)
+    steps = halo.inside(square) * X / square * dy / (2.0 * math.pi)
     steps = steps.reshape(len(grid), len(grid) - 1, 5).sum(axis=2)
     one = np.concatenate([np.zeros((len(grid), 1)), np.cumsum(steps, axis=1)], axis=1)
     corner = one + one.T

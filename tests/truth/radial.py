@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline, CubicHermiteSpline, make_interp_spline
 from scipy.special import hankel1e, j0, kve
 
 from .correlation import correlation_complex, correlation_on_the_cut, decorrelation_complex
@@ -23,6 +23,8 @@ from .scatter import transfer_function
 from .system import RoughSurface, TruthSystem, phase_variance
 
 _STEP = 0.02  # in the logarithm of q; the rules converge like exp(-2 pi 0.15/step)
+_CUBIC_STEP = 4e-3
+_TINY = 1e-300
 _STRIDE = 4  # steps between radii
 _LOW, _HIGH = -23.0, 5.5  # of ln(2 pi |q| r)
 _SLANTS = 0.12, 0.2, 0.3  # over pi
@@ -31,37 +33,56 @@ _MOST_TURNS = 20.0  # h(it) oscillates like this argument, which the rule must r
 NOISE = 1e-9  # the largest relative noise handed out
 
 
+class CubicTable:
+    """A smooth function of ln r as cubics on even steps, read off a spline; constant beyond its ends."""
+
+    def __init__(self, spline: BSpline, low: float, high: float) -> None:
+        count = math.ceil((high - low) / _CUBIC_STEP)
+        grid = low + _CUBIC_STEP * np.arange(count + 1)
+        self._low, self._most = low, count - 1e-9
+        self._coefficients = CubicHermiteSpline(grid, spline(grid), spline(grid, 1)).c * (
+            _CUBIC_STEP ** np.arange(3, -1, -1)[:, None]
+        )
+
+    def __call__(self, log_r: np.ndarray) -> np.ndarray:
+        place = np.clip((log_r - self._low) / _CUBIC_STEP, 0.0, self._most)
+        index = place.astype(np.intp)
+        place -= index
+        cubic, square, linear, constant = (c.take(index) for c in self._coefficients)
+        return ((cubic * place + square) * place + linear) * place + constant
+
+
 @dataclass(frozen=True)
 class RadialScatter:
-    """Splines in ln r: ``log_psf`` of ln |S| without the clip, or of S/``envelope``; energies within and beyond r.
+    """Tables in ln r: ``log_density`` of ln S but for the factor ``clip``; of ln of the energies within and beyond r.
 
     ``worst`` is the largest relative noise, ``closure`` what the shells and the tail miss of 1 - exp(-sum g).
     """
 
     first: float
-    last: float
-    log_density: BSpline
-    clip: BSpline
-    log_inside: BSpline
-    log_outside: BSpline
+    log_density: CubicTable
+    clip: CubicTable
+    log_inside: CubicTable
+    log_outside: CubicTable
     worst: float
     closure: float
 
-    def psf(self, r: np.ndarray) -> np.ndarray:
-        """S(r) [1/mm^2] at any radii [mm] below ``last``, relative error about ``worst``."""
-        log_r = np.log(np.maximum(r, self.first))
-        # inside the first radius S is a parabola that bends by less than 1e-6 of itself
-        bend = 0.5 * float(self.log_density(math.log(self.first), 1)) * (np.minimum(r / self.first, 1.0) ** 2 - 1.0)
-        return np.exp(self.log_density(log_r) + bend) * self.clip(log_r)
+    def psf(self, square: np.ndarray) -> np.ndarray:
+        """S [1/mm^2] at radii of given ``square`` [mm^2]; constant within ``first``, where it falls by 1e-8 of itself.
 
-    def inside(self, r: np.ndarray) -> np.ndarray:
-        """Energy within ``r`` [mm]; relative accuracy."""
-        energy = np.exp(self.log_inside(np.log(np.maximum(r, self.first))))
-        return energy * np.minimum(r / self.first, 1.0) ** 2
+        Relative error: the larger of ``worst`` and 1e-10.
+        """
+        log_r = 0.5 * np.log(square + _TINY)
+        return np.exp(self.log_density(log_r)) * self.clip(log_r)
 
-    def outside(self, r: np.ndarray) -> np.ndarray:
-        """Energy beyond ``r`` [mm], but for a constant: good for differences, relative to the outer value."""
-        return np.exp(self.log_outside(np.log(np.maximum(r, self.first))))
+    def inside(self, square: np.ndarray) -> np.ndarray:
+        """Energy within a radius of given ``square`` [mm^2]; relative accuracy."""
+        energy = np.exp(self.log_inside(0.5 * np.log(square + _TINY)))
+        return energy * np.minimum(square / self.first**2, 1.0)
+
+    def outside(self, square: np.ndarray) -> np.ndarray:
+        """Energy beyond, but for a constant: good for differences, relative to the outer value."""
+        return np.exp(self.log_outside(0.5 * np.log(square + _TINY)))
 
 
 def radial_scatter(system: TruthSystem, reach: float) -> RadialScatter:
@@ -76,7 +97,7 @@ def radial_scatter(system: TruthSystem, reach: float) -> RadialScatter:
 def _radial_scatter(wavelength: float, surfaces: tuple[RoughSurface, ...], reach: float) -> RadialScatter:
     system = TruthSystem(wavelength, surfaces)
     knees = [wavelength * s.d / t.B for s in surfaces for t in s.terms]
-    near = 1e-3 * min(knees) / math.sqrt(max(t.C for s in surfaces for t in s.terms))
+    near = 1e-4 * min(knees) / math.sqrt(max(t.C for s in surfaces for t in s.terms))
     spacing = _STRIDE * _STEP
     log_r = math.log(near) + spacing * np.arange(math.ceil(math.log(1.3 * reach / near) / spacing) + 8)
     r = np.exp(log_r)
@@ -104,12 +125,10 @@ def _radial_scatter(wavelength: float, surfaces: tuple[RoughSurface, ...], reach
     tail = 2.0 * np.pi * math.exp(2.0 * log_r[-1]) * unclipped[-1] * ratio[-1] / (-slope - 2.0)
     beyond = max(tail, 0.0) + 2.0 * float(-np.minimum(shells, 0.0).sum()) + 1e-300
     outside = beyond + np.append(np.cumsum(shells[::-1])[::-1], 0.0)
+    energies = [make_interp_spline(log_r, np.log(energy), k=7) for energy in (inside, outside)]
     return RadialScatter(
         float(r[0]),
-        float(r[-1]),
-        log_density,
-        clip,
-        *(make_interp_spline(log_r, np.log(energy), k=7) for energy in (inside, outside)),
+        *(CubicTable(spline, log_r[0], log_r[-1]) for spline in (log_density, clip, *energies)),
         worst,
         (total - tail - inside[-1]) / total,
     )

@@ -77,10 +77,12 @@ def lit_fraction(system: TruthSystem, rho: np.ndarray, x0: float, x1: float, y0:
     return (np.diff(cuts, axis=1) * inside).sum(axis=1) / (last - first)
 
 
-def specular_energy(system: TruthSystem, x0: float, x1: float, y0: float, y1: float, tolerance: float = 1e-11) -> float:
+def specular_energy(
+    system: TruthSystem, x0: float, x1: float, y0: float, y1: float, tolerance: float = 1e-11, panels: int = 32
+) -> float:
     """Fraction of PSF_G in the rectangle [mm]; the light of the specular image is exp(-sum g) times this.
 
-    Panels in rho^2 are halved until each differs from its halves by less than its share of ``tolerance``. Against the
+    ``panels`` in rho^2 are halved until each differs from its halves by less than its share of ``tolerance``. Against the
     exact annulus and line: 1e-10 or better. A spot that collapses to a point on an edge counts half (a
     quarter at a corner).
     """
@@ -91,14 +93,14 @@ def specular_energy(system: TruthSystem, x0: float, x1: float, y0: float, y1: fl
         p = low[:, None] + half[:, None] * (1.0 + _NODES)
         return half * (lit_fraction(system, np.sqrt(p).ravel(), x0, x1, y0, y1).reshape(p.shape) @ _WEIGHTS)
 
-    edges = np.linspace(inner, 1.0, 33)
+    edges = np.linspace(inner, 1.0, panels + 1)
     low, high = edges[:-1], edges[1:]
     coarse = integrate(low, high)
     total = 0.0
     for _ in range(60):
         middle = 0.5 * (low + high)
         left, right = integrate(low, middle), integrate(middle, high)
-        poor = np.abs(left + right - coarse) > tolerance * (1.0 - inner) / 64.0
+        poor = np.abs(left + right - coarse) > tolerance * (1.0 - inner) / (2.0 * panels)
         total += float((left + right)[~poor].sum())
         if not poor.any():
             break
