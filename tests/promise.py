@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 from truth.geometry import spot_moments
 from truth.image import Image
+from truth.random_systems import drawn
 from truth.scenes import Scene, judged, mm, pixel_edges, window
 
 import psfcli
@@ -85,6 +86,22 @@ class Kept:
         return tuple(found)
 
 
+@dataclass(frozen=True)
+class Draw:
+    """What became of one random system file: a run per accuracy, and the judge's time."""
+
+    number: int
+    runs: tuple[Kept, ...]
+    judge_seconds: float
+
+
+def examined(seed: int, number: int, accuracies: tuple[float, ...] = ASKED) -> Draw:
+    """The draw, run at every accuracy and held against the judge."""
+    scene = drawn(seed, number)
+    truth = truth_of(scene)
+    return Draw(number, tuple(kept(scene, accuracy, truth) for accuracy in accuracies), truth.seconds)
+
+
 def tolerance(accuracy: float) -> Tolerance:
     """What is asked for at ``accuracy``."""
     return Tolerance(accuracy, 0.01 * accuracy)
@@ -96,7 +113,7 @@ def truth_of(scene: Scene) -> Truth:
     Pixels and sub-pixels: under the spot's centroid, at its edge, half-way to a far corner, at a far edge, in the
     corner; squares about all centres; the window's outside.
     """
-    started = time.perf_counter()
+    started = time.process_time()
     system, detector = judged(scene), scene["detector"]
     half_widths = [mm(w) for w in scene["ensquared_energy"]["half_widths"]]
     spot, whole = spot_moments(system), window(detector)
@@ -119,7 +136,7 @@ def truth_of(scene: Scene) -> Truth:
             moved = math.hypot(*centre) > 1e-12 * half_width
             boxes[column, box] = image.square(half_width, centre) if moved else boxes["ee", box]
         boxes["ee_unaberrated", box] = bare.square(half_width)
-    return Truth(tuple(pixels), boxes, 1.0 - image.energy(whole), time.perf_counter() - started)
+    return Truth(tuple(pixels), boxes, 1.0 - image.energy(whole), time.process_time() - started)
 
 
 def _places(detector: dict, centroid: tuple[float, float], extent: float, *, fine: bool) -> set[tuple[int, int]]:
@@ -144,7 +161,7 @@ def _places(detector: dict, centroid: tuple[float, float], extent: float, *, fin
 def kept(scene: Scene, accuracy: float, truth: Truth) -> Kept:
     """The product run on ``scene`` at ``accuracy`` and held against ``truth``."""
     asked = tolerance(accuracy)
-    started = time.perf_counter()
+    started = time.process_time()
     with tempfile.TemporaryDirectory() as directory, warnings.catch_warnings(record=True) as told_off:
         warnings.simplefilter("always")
         path = Path(directory) / "scene.yaml"
@@ -154,8 +171,8 @@ def kept(scene: Scene, accuracy: float, truth: Truth) -> Kept:
             result = psfcli.run(system)
         except SceneError as error:
             nothing = Tolerance(math.inf, math.inf)
-            return Kept(asked, nothing, 0.0, 0.0, ("", ""), time.perf_counter() - started, str(error))
-    seconds = time.perf_counter() - started
+            return Kept(asked, nothing, 0.0, 0.0, ("", ""), time.process_time() - started, str(error))
+    seconds = time.process_time() - started
     faults = [f"warning: {w.message} ({Path(w.filename).name}:{w.lineno})" for w in told_off]
     cubes = {False: result.psf[0, 0], True: None if result.psf_over is None else result.psf_over[0, 0]}
     for name, cube in (("psf", cubes[False]), ("psf_over", cubes[True])):
@@ -172,7 +189,7 @@ def kept(scene: Scene, accuracy: float, truth: Truth) -> Kept:
         pixels[place] = max(0.0, abs(got - p.energy) - asked.ee * p.lit - judge) / p.energy
     table = result.ensquared_energy
     energies = {
-        f"{column} {table['half_width_um'][box]:.4g} um": abs(float(table[column][box]) - energy)
+        f"{column} [{box}]": abs(float(table[column][box]) - energy)
         for (column, box), energy in truth.boxes.items()
     }
     energies["outside"] = abs(float(result.fields["power_outside"][0]) - truth.outside)
