@@ -14,7 +14,6 @@ the trapezoid rule in the pupil errs by 2 exp(-2 pi^2 s^2/spacing^2).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,7 @@ from psfcli.surface.mixture import GaussianMixture
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 MAX_ORDER = MAX_MOMENT - 2  # the moments beyond tell the error
 TAIL = 8.5  # widths beyond which less than 1e-17 of a Gaussian lies
@@ -54,24 +54,17 @@ def truncation_error(image: GeometricalImage, variance: Real) -> Real:
     return _HERMITE_MARGIN * later[1 : MAX_ORDER + 2]
 
 
-@dataclass(frozen=True, slots=True)
-class Treatment:
-    """How each term of a mixture is blurred: to which ``order`` of moments, or (-1) by rays ``spacing`` [mm] apart."""
+def moment_orders(image: GeometricalImage, mixture: GaussianMixture, tolerance: Tolerance) -> Index:
+    """The lowest order of moments that blurs each term within ``tolerance``, or -1 where none does, shape (term,).
 
-    order: NDArray[np.intp]
-    spacing: Real
-
-
-def treatment(image: GeometricalImage, mixture: GaussianMixture, tolerance: Tolerance) -> Treatment:
-    """The cheapest treatment of each term within ``tolerance``, relative for pixels and absolute for energies."""
-    energy = tolerance.ee / mixture.weight.size
-    enough = truncation_error(image, mixture.variance) <= np.minimum(
-        0.1 * tolerance.pixel, _SHARE * energy / np.abs(mixture.weight)
-    )
-    return Treatment(
-        order=np.where(enough.any(axis=0), enough.argmax(axis=0), -1),
-        spacing=ray_spacing(np.sqrt(mixture.variance), mixture.weight, _SHARE * energy),
-    )
+    Within a share of ``tolerance.pixel`` relative and, all terms together, of ``tolerance.ee`` of all light.
+    """
+    if mixture.weight.size == 0:
+        return np.zeros(0, dtype=np.intp)
+    energy = _SHARE * tolerance.ee / mixture.weight.size
+    allowed = np.minimum(0.1 * tolerance.pixel, energy / np.abs(mixture.weight))
+    enough = truncation_error(image, mixture.variance) <= allowed
+    return np.where(enough.any(axis=0), enough.argmax(axis=0), -1)
 
 
 def moments_to(image: GeometricalImage, order: int) -> Real:
@@ -80,9 +73,17 @@ def moments_to(image: GeometricalImage, order: int) -> Real:
     return np.where(np.add.outer(ranks, ranks) > order, 0.0, image.moments[: order + 1, : order + 1])
 
 
-def ray_spacing(width: Real, weight: Real, error: float) -> Real:
-    """The ray spacing [mm] at which Gaussians of ``width`` [mm] and ``weight`` err by less than ``error``."""
-    return width * math.pi * np.sqrt(2.0 / np.log(np.maximum(2.0 * weight / error, math.e)))
+def ray_spacing(width: Real, error: Real) -> Real:
+    """The ray spacing [mm], at most 4.4 widths, at which Gaussians of ``width`` [mm] err by ``error``, relative."""
+    return width * math.pi * np.sqrt(2.0 / np.log(np.maximum(2.0 / error, math.e)))
+
+
+def shares(mixture: GaussianMixture, r: Real) -> Real:
+    """Each term's part of the mixture's light at distances ``r`` [mm], shape (r, term)."""
+    with np.errstate(under="ignore"):
+        light = np.abs(mixture.weight) / mixture.variance * np.exp(-0.5 * np.divide.outer(r**2, mixture.variance))
+        part: Real = light / np.maximum(light.sum(axis=1), np.finfo(np.float64).tiny)[:, None]
+    return part
 
 
 def interval_integrals(start: Real, stop: Real, variance: Real, order: int) -> Real:

@@ -7,14 +7,24 @@ erf, so the window is a sum of products of thin matrices, each term on the block
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blur import TAIL, interval_integrals, moments_to, normal_probability, treatment
+from psfcli.image.blur import (
+    TAIL,
+    interval_integrals,
+    moment_orders,
+    moments_to,
+    normal_probability,
+    ray_spacing,
+    shares,
+)
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.grid import Detector
 from psfcli.image.result import Spot
+from psfcli.image.scatter import Halo
 from psfcli.image.spot_grid import SpotGrid, spot_grids
 from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.surface.mixture import GaussianMixture
@@ -27,42 +37,96 @@ _LEVEL = 2.6  # successive blocks of cells shrink by this factor
 _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
 
 
-def scattered_image(
-    point: GeometricalImage, mixture: GaussianMixture, detector: Detector, tolerance: Tolerance
-) -> Real:
-    """PSF_G (x) S: the scattered light in each sub-pixel as a fraction of all light, shape (y, x).
+@dataclass(frozen=True, slots=True)
+class CompositeImage:
+    """``light`` in each sub-pixel as a fraction of all, shape (y, x).
 
-    Relative error within ``tolerance.pixel`` at every distance, energy within ``tolerance.ee``.
+    ``unscattered``, PSF_G in the sub-pixels of ``rows`` and ``columns``, and the estimated ``error`` of it in the worst
+    sub-pixel, as a fraction of all light.
     """
-    image = np.zeros((detector.sub_pixels, detector.sub_pixels))
-    if mixture.weight.size == 0:
-        return image
-    edges_x, edges_y = detector.edges(0), detector.edges(1)
-    how = treatment(point, mixture, tolerance)
-    _add_by_moments(image, edges_x, edges_y, mixture, point, how.order, tolerance)
-    narrow = GaussianMixture(mixture.weight[how.order < 0], mixture.variance[how.order < 0])
-    for grid in spot_grids(point, narrow, how.spacing[how.order < 0]):
-        _add_by_grid(image, edges_x, edges_y, grid)
-    return image
+
+    light: Real
+    unscattered: Real
+    rows: slice
+    columns: slice
+    error: float
+
+    def unscattered_at(self, y: Index, x: Index) -> Real:
+        """PSF_G in sub-pixels (y, x), shape of both."""
+        inside = (y >= self.rows.start) & (y < self.rows.stop) & (x >= self.columns.start) & (x < self.columns.stop)
+        value = np.zeros(y.shape)
+        value[inside] = self.unscattered[y[inside] - self.rows.start, x[inside] - self.columns.start]
+        return value
+
+    def touched(self, y: Index, x: Index) -> NDArray[np.bool_]:
+        """Whether unscattered light touches sub-pixels (y, x) or one of their eight neighbours."""
+        near = [self.unscattered_at(y + i, x + j) > 0.0 for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        return np.any(near, axis=0)
 
 
-def add_unscattered(
-    image: Real, point: GeometricalImage, weight: float, detector: Detector, tolerance: Tolerance
-) -> float:
-    """Add PSF_G, ``weight`` of all light, to ``image``; returns its estimated error in the worst sub-pixel."""
+def composite_image(point: GeometricalImage, halo: Halo, detector: Detector, tolerance: Tolerance) -> CompositeImage:
+    """Eq. 44 on the detector's sub-pixels, with the errors that contract section 4 allows.
+
+    Relative error within ``tolerance.pixel`` at every distance, energy within ``tolerance.ee``; where unscattered light
+    touches, ``tolerance.ee`` of all light more. Gaussians too narrow to be told from no blur at all within these are
+    added to the unscattered light.
+    """
     edges_x, edges_y = detector.edges(0), detector.edges(1)
     rows = _span(edges_y, point.spot.y_min, point.spot.y_max)
     columns = _span(edges_x, point.spot.x_min, point.spot.x_max)
-    if weight == 0.0 or rows.stop <= rows.start or columns.stop <= columns.start:
-        return 0.0
-    unscattered, error = unscattered_on_grid(
-        point,
-        edges_x[columns.start : columns.stop + 1],
-        edges_y[rows.start : rows.stop + 1],
-        0.3 * tolerance.ee / weight,
+    unscattered, error = np.zeros((max(rows.stop - rows.start, 0), max(columns.stop - columns.start, 0))), 0.0
+    mixture, order = halo.mixture, moment_orders(point, halo.mixture, tolerance)
+    narrow = order < 0
+    weight = halo.unscattered_weight
+    if unscattered.size and weight + mixture.weight[narrow].sum() > 0.0:
+        share = 0.3 * tolerance.ee / (weight + float(mixture.weight[narrow].sum()))
+        unscattered, error = unscattered_on_grid(
+            point, edges_x[columns.start : columns.stop + 1], edges_y[rows.start : rows.stop + 1], share
+        )
+    light = np.zeros((detector.sub_pixels, detector.sub_pixels))
+    if mixture.weight.size:
+        _add_by_moments(light, edges_x, edges_y, mixture, point, order, tolerance)
+    if narrow.any():
+        brightest = 9.0 * float(unscattered.max(initial=0.0)) * max(1, 4 * (detector.oversample - 1))
+        brightest = min(max(brightest, _on_border(unscattered, rows, columns, detector.sub_pixels)), 1.0)
+        allowed = narrow_error(mixture, tolerance, detector.sub_pixel if weight > 0.0 else 0.0, brightest)
+        merged = narrow & (allowed >= 1.0)
+        weight += float(mixture.weight[merged].sum())
+        some = narrow & ~merged
+        for grid in spot_grids(
+            point,
+            GaussianMixture(mixture.weight[some], mixture.variance[some]),
+            ray_spacing(np.sqrt(mixture.variance[some]), allowed[some]),
+        ):
+            _add_by_grid(light, edges_x, edges_y, grid)
+    light[rows, columns] += weight * unscattered
+    return CompositeImage(light, unscattered, rows, columns, weight * error)
+
+
+def narrow_error(mixture: GaussianMixture, tolerance: Tolerance, nearest: float, brightest: float) -> Real:
+    """The relative error that each term of a ``mixture`` may have in pixels, shape (term,).
+
+    Where unscattered light touches, and of all light no more than ``brightest`` falls on a pixel with its neighbours,
+    the allowance is absolute; rays are ``nearest`` [mm] or farther from all other pixels, where it is relative to all
+    the light that the mixture sends there.
+    """
+    r = np.append(nearest, nearest + np.sqrt(mixture.variance.min()) * np.geomspace(0.1, 1e3, 120))
+    part = shares(mixture, r).max(axis=0)
+    inside = 0.1 * tolerance.ee / (mixture.weight.size * np.abs(mixture.weight) * max(brightest, 1e-300))
+    with np.errstate(divide="ignore", over="ignore"):
+        allowed: Real = np.minimum(inside, 0.1 * tolerance.pixel / part)
+    return allowed
+
+
+def _on_border(unscattered: Real, rows: slice, columns: slice, sub_pixels: int) -> float:
+    """What of PSF_G lies within two sub-pixels of the window's edge, on either side: what blur may take across it."""
+    border = np.ones(unscattered.shape, dtype=bool)
+    inner = (
+        slice(max(2 - rows.start, 0), max(sub_pixels - 2 - rows.start, 0)),
+        slice(max(2 - columns.start, 0), max(sub_pixels - 2 - columns.start, 0)),
     )
-    image[rows, columns] += weight * unscattered
-    return weight * error
+    border[inner] = False
+    return 2.0 * float(unscattered.sum(where=border))
 
 
 def _add_by_moments(
@@ -122,10 +186,10 @@ def _radius_of_influence(mixture: GaussianMixture, spot: Spot, tolerance: Tolera
     width = np.sqrt(mixture.variance)
     r = np.geomspace(0.1 * width[0], 10.0 * width.max(), 160)
     with np.errstate(under="ignore"):
-        share = np.abs(mixture.weight) / mixture.variance * np.exp(-0.5 * np.divide.outer(r, width) ** 2)
-        total = share.sum(axis=1)
+        light = np.abs(mixture.weight) / mixture.variance * np.exp(-0.5 * np.divide.outer(r, width) ** 2)
+        total = light.sum(axis=1)
     farther = np.interp(r + 2.0 * extent, r, total)
-    seen = share > 0.01 * tolerance.pixel / mixture.weight.size * farther[:, None]
+    seen = light > 0.01 * tolerance.pixel / mixture.weight.size * farther[:, None]
     last = r.size - 1 - seen[::-1].argmax(axis=0)
     return extent + r[np.minimum(last + 1, r.size - 1)]
 

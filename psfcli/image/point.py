@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.composite import add_unscattered, scattered_image
+from psfcli.image.composite import CompositeImage, composite_image, narrow_error
 from psfcli.image.ensquared import ensquared_energy
 from psfcli.image.geometric import GeometricalImage, geometrical_image
 from psfcli.image.grid import Detector
@@ -106,13 +106,13 @@ def _field_image(
     pixel_error = 0.0
     ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width[0]))
     if with_cube:
-        fine = scattered_image(point, halo.mixture, detector, tolerance)
+        image = composite_image(point, halo, detector, tolerance)
+        fine = image.light
         corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
         pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
-        pixel_error += _scatter_error(fine, point, scatter.finer, detector, tolerance)
-        unscattered_error = add_unscattered(fine, point, halo.unscattered_weight, detector, tolerance)
-        if unscattered_error > tolerance.ee:
-            pixel_error += (unscattered_error - tolerance.ee) / float(fine.max())
+        pixel_error += _probed_error(image, point, scatter, detector, tolerance)
+        if image.error > tolerance.ee:
+            pixel_error += (image.error - tolerance.ee) / float(fine.max())
         n, m = detector.pixels, detector.oversample
         psf = fine if m == 1 else fine.reshape(n, m, n, m).sum(axis=(1, 3))
         psf_over = None if m == 1 else fine
@@ -132,11 +132,12 @@ def _finer(tolerance: Tolerance) -> Tolerance:
     return Tolerance(tolerance.pixel / _REFINEMENT, tolerance.ee / _REFINEMENT)
 
 
-def _scatter_error(
-    image: Real, point: GeometricalImage, finer: Halo, detector: Detector, tolerance: Tolerance
+def _probed_error(
+    image: CompositeImage, point: GeometricalImage, scatter: WavelengthScatter, detector: Detector, tolerance: Tolerance
 ) -> float:
-    """Largest relative error of the scattered light at probe sub-pixels, ever farther out along axes and diagonals."""
-    if finer.mixture.weight.size == 0:
+    """Largest relative error, beyond the allowance, at probe sub-pixels ever farther out along axes and diagonals."""
+    finer = scatter.finer.mixture
+    if finer.weight.size == 0:
         return 0.0
     n = detector.sub_pixels
     step = np.unique(np.geomspace(1.0, max(n // 2, 1), _PROBE_STEPS).astype(np.intp)) - 1
@@ -145,7 +146,11 @@ def _scatter_error(
     y, x = np.unique(place, axis=0).T
     edges_x, edges_y = detector.edges(0), detector.edges(1)
     probes = Rectangles(edges_x[x], edges_x[x + 1], edges_y[y], edges_y[y + 1])
-    truth = scattered_in_rectangles(point, finer.mixture, probes, _finer(tolerance))
+    asked = _finer(tolerance)
+    allowed = narrow_error(finer, asked, detector.sub_pixel, float(image.unscattered.max(initial=0.0)))
+    scattered = scattered_in_rectangles(point, finer, probes, asked, allowed)
+    truth = scattered + scatter.halo.unscattered_weight * image.unscattered_at(y, x)
+    allowance = np.where(image.touched(y, x), tolerance.ee, 0.0) if scatter.halo.unscattered_weight > 0.0 else 0.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.abs(image[y, x] - truth) / truth
+        error = np.maximum(np.abs(image.light[y, x] - truth) - allowance, 0.0) / truth
     return float(np.max(error, where=truth > 0.0, initial=0.0))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blur import TAIL, interval_integrals, moments_to, normal_probability, treatment
+from psfcli.image.blur import TAIL, interval_integrals, moment_orders, moments_to, normal_probability, ray_spacing
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.spot_grid import SpotGrid, spot_grids
 from psfcli.surface.mixture import GaussianMixture
@@ -27,40 +26,28 @@ class Rectangles:
     y_start: Real
     y_stop: Real
 
-    @classmethod
-    def squares(cls, centre: tuple[float, float], half_width: Real) -> Rectangles:
-        """Squares of ``half_width`` about ``centre``."""
-        x, y = centre
-        return cls(x - half_width, x + half_width, y - half_width, y + half_width)
-
-    @classmethod
-    def together(cls, several: Sequence[Rectangles]) -> Rectangles:
-        """All rectangles of ``several``, one after the other."""
-        return cls(
-            *(
-                np.concatenate([getattr(some, edge) for some in several])
-                for edge in ("x_start", "x_stop", "y_start", "y_stop")
-            )
-        )
-
 
 def scattered_in_rectangles(
-    point: GeometricalImage, mixture: GaussianMixture, rectangles: Rectangles, tolerance: Tolerance
+    point: GeometricalImage, mixture: GaussianMixture, rectangles: Rectangles, tolerance: Tolerance, narrow_error: Real
 ) -> Real:
     """The scattered light in each rectangle as a fraction of all light, shape [rectangle].
 
-    PSF_G (x) S of Eq. 44; relative error within ``tolerance.pixel`` and absolute within ``tolerance.ee``.
+    PSF_G (x) S of Eq. 44; relative error within ``tolerance.pixel`` and absolute within ``tolerance.ee``, where terms
+    too narrow for moments keep their ``narrow_error``, relative, shape (term,).
     """
     energy = np.zeros_like(rectangles.x_start)
     if mixture.weight.size == 0:
         return energy
-    how = treatment(point, mixture, tolerance)
-    wide = how.order >= 0
+    order = moment_orders(point, mixture, tolerance)
+    wide, narrow = order >= 0, order < 0
     energy += _by_moments(
-        GaussianMixture(mixture.weight[wide], mixture.variance[wide]), point, how.order.max(initial=0), rectangles
+        GaussianMixture(mixture.weight[wide], mixture.variance[wide]), point, order.max(initial=0), rectangles
     )
-    narrow = GaussianMixture(mixture.weight[~wide], mixture.variance[~wide])
-    for grid in spot_grids(point, narrow, how.spacing[~wide]):
+    for grid in spot_grids(
+        point,
+        GaussianMixture(mixture.weight[narrow], mixture.variance[narrow]),
+        ray_spacing(np.sqrt(mixture.variance[narrow]), narrow_error[narrow]),
+    ):
         energy += _by_grid(grid, rectangles)
     return energy
 

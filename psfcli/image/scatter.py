@@ -111,7 +111,7 @@ def scattered_light(
     # terms wider than all this add a pedestal smaller than the error allowed at the farthest distance
     high = max(reach, *(term.width for term in terms)) ** 2 * share ** (-1.0 / (1.0 + flattest))
     variance = np.exp(np.arange(math.log(low), math.log(high), step))
-    density, doubt = mixing_density(variance, terms, total_variance, 0.01 * share)
+    density, doubt = mixing_density(variance, terms, total_variance)
     weight, variance = _without_empty_core(step * density, variance, share)
     mixture = _merge_wide_terms(GaussianMixture(weight, variance), reach)
     loss = horizon_loss(surfaces, telescope, wavelength, mixture, reach, share)

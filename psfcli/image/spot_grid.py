@@ -45,18 +45,18 @@ def spot_grids(point: GeometricalImage, mixture: GaussianMixture, spacing: Real)
     for this in np.unique(octave):
         some = octave == this
         members = GaussianMixture(mixture.weight[some], mixture.variance[some])
-        yield _spot_grid(point, members, float(spacing[some].min()))
+        yield _spot_grid(point, members, spacing[some])
 
 
-def _spot_grid(point: GeometricalImage, mixture: GaussianMixture, spacing: float) -> SpotGrid:
-    """The grid for Gaussians of like width, from rays ``spacing`` [mm] apart."""
+def _spot_grid(point: GeometricalImage, mixture: GaussianMixture, spacing: Real) -> SpotGrid:
+    """The grid for Gaussians of like width, from rays ``spacing`` [mm] apart for each term."""
     variance = float(mixture.variance.min())
     tau2 = _TAU2 * variance
     tau = math.sqrt(tau2)
-    # as much narrower than the rays' spacing as a is than s
-    step = spacing * math.sqrt(_TAU2 * (1.0 - _TAU2))
+    # each term's a is to the step as its s to its spacing
+    step = float(np.min(spacing * np.sqrt(tau2 * (mixture.variance - tau2)) / mixture.variance))
     half = point.mirror_symmetric
-    rays = rays_apart(point, spacing, half=half)
+    rays = rays_apart(point, float(spacing.min()), half=half)
     x, y = _nodes(rays.x, TAIL * tau, step, symmetric=half), _nodes(rays.y, TAIL * tau, step, symmetric=False)
     mass = np.zeros((y.size, x.size))
     for part in tiles(rays, _TILE * math.sqrt(variance)):

@@ -59,7 +59,7 @@ class SquareResponse:
         if first:
             narrow = GaussianMixture(self.mixture.weight[:first], self.mixture.variance[:first])
             error = _SHARE * tolerance / first
-            spacing = ray_spacing(np.sqrt(narrow.variance), np.abs(narrow.weight), error)
+            spacing = ray_spacing(np.sqrt(narrow.variance), error / np.abs(narrow.weight))
             for grid in spot_grids(point, narrow, spacing):
                 energy += _by_grid(grid, centres, self.half_width)
         return energy
