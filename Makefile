@@ -1,4 +1,4 @@
-# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, clean.
+# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, accuracy, clean.
 # All of them install what they need into $(VENV); nothing but Python 3.11 or later with venv is asked of the machine.
 
 PYTHON ?= python3
@@ -7,6 +7,11 @@ CONFIG ?= configs/euv_two_mirror.yaml
 STEM = $(basename $(notdir $(CONFIG)))
 OUTPUT ?= $(STEM)_psf
 PYTEST_ARGS ?= -n auto --maxprocesses 8
+
+# make accuracy: how many draws, of which seed, and further options of scripts/accuracy.py
+N ?= 60
+SEED ?= 1
+ACCURACY_ARGS ?=
 
 # an interpreter of another version gets a new environment
 PYTHON_VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
@@ -27,7 +32,7 @@ PSFCLI := $(VENV)/bin/psfcli
 SWEEP_NEEDS := $(INSTALLED)
 endif
 
-.PHONY: run test lint golden golden-update sweep bench clean always
+.PHONY: run test lint golden golden-update sweep bench accuracy clean always
 .DELETE_ON_ERROR:
 .SUFFIXES:
 
@@ -51,6 +56,10 @@ golden-update: $(INSTALLED)
 
 bench: $(INSTALLED_ALL)
 	$(VENV)/bin/python scripts/bench.py
+
+# make accuracy N=1000 SEED=1: random systems held against the judge of the tests
+accuracy: $(INSTALLED_ALL)
+	$(VENV)/bin/python scripts/accuracy.py $(N) --seed $(SEED) $(ACCURACY_ARGS)
 
 # One directory per angle, done when its manifest stands and is younger than the request; then one table of them all.
 sweep: $(SWEPT)

@@ -1,0 +1,189 @@
+"""The quick judge judged: closed forms, and the slow judge, which shares neither its contours nor its rules."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from truth import radial
+from truth.cases import REFERENCE, one_mirror, paper_telescope, reference_rows
+from truth.contour import scatter_psf_mpmath
+from truth.correlation import correlation_on_the_cut, decorrelation, decorrelation_complex, decorrelation_mpmath
+from truth.ensquared import box_energy, pixel_energy
+from truth.geometry import pupil_rule
+from truth.halo import SYSTEMS, rows
+from truth.horizon import missing_psf
+from truth.image import Image, pupil_mean
+from truth.radial import radial_scatter
+from truth.random_systems import drawn
+from truth.scatter import scatter_psf_fftlog
+from truth.scenes import judged
+from truth.specular import specular_energy
+from truth.system import TruthSystem, mirror, phase_variance
+
+PAPER = REFERENCE["euv_field05"]
+
+
+def unclipped_exponential_corner(system: TruthSystem, x: float, y: float) -> float:
+    """C = 2: energy of the unclipped S in 0..x, 0..y; n/(2 pi (n^2 + b^2)^1.5) has an arctangent there, odd in both."""
+    (surface,) = system.surfaces
+    (term,) = surface.terms
+    g, weight = phase_variance(system.wavelength, surface), (surface.K * term.sigma) ** 2
+    n = np.arange(1, 80)
+    poisson = np.exp(n * math.log(weight) - g - np.array([math.lgamma(k + 1.0) for k in n]))
+    knee = n * system.wavelength * surface.d / term.B
+    return float(poisson @ np.arctan(x * y / (knee * np.sqrt(knee**2 + x * x + y * y)))) / (2.0 * math.pi)
+
+
+# -- S(r) in doubles
+
+
+def test_complex_correlations_keep_their_digits():
+    size = np.array([1e-9, 1e-4, 0.1, 0.29, 0.31, 3.0, 50.0])
+    for nu, turn in itertools.product((0.025, 0.5, 1.0, 1.003, 1.3, 3.5), (0.0, 0.2, 0.4)):
+        u = size * np.exp(1j * math.pi * turn)
+        exact = np.array([complex(decorrelation_mpmath(complex(v), nu)) for v in u[2:]])
+        np.testing.assert_allclose(decorrelation_complex(u, nu)[2:], exact, rtol=1e-12)  # 8e-14 measured
+        np.testing.assert_allclose(decorrelation_complex(size + 0j, nu).real, decorrelation(size, nu), rtol=1e-12)
+        real, imaginary = correlation_on_the_cut(size, nu)
+        nearly = decorrelation_complex(size * np.exp(1j * math.pi * 0.4999999), nu)  # just off the cut
+        np.testing.assert_allclose(real, nearly.real, atol=1e-8 * np.abs(nearly).max())
+        np.testing.assert_allclose(-imaginary, nearly.imag, atol=1e-8 * np.abs(nearly).max())
+
+
+@pytest.mark.parametrize("name", sorted(SYSTEMS))
+def test_the_table_is_the_contour_in_mpmath(name):
+    stored = [(row["r_mm"], row["scatter_per_mm2"]) for row in rows() if row["system"] == name]
+    r, unclipped = np.array(stored).T
+    halo = radial_scatter(SYSTEMS[name], 1.1 * r.max())
+    exact = unclipped - missing_psf(SYSTEMS[name], r)
+    np.testing.assert_allclose(halo.psf(r * r), exact, rtol=1e-9)  # 5e-10 measured at C = 8, 1e-11 in the others
+
+
+@pytest.mark.parametrize("number", [2, 6, 12])
+def test_the_table_is_the_contour_in_mpmath_for_many_terms_of_many_widths(number):
+    system = judged(drawn(1, number))
+    halo = radial_scatter(system, 1.0)
+    knees = [system.wavelength * s.d / t.B for s in system.surfaces for t in s.terms]
+    for r in np.geomspace(0.3 * min(knees), 0.5, 4):
+        exact = float(scatter_psf_mpmath(system, float(r))) - float(missing_psf(system, r))
+        assert halo.psf(np.array([r * r]))[0] == pytest.approx(exact, rel=1e-9)
+
+
+def test_first_order_scatter_has_a_closed_density_and_energy():
+    for C in (1.3, 2.2, 3.0, 7.0):
+        system = one_mirror(1e-9, 10.0, C)  # multiple scatter: 1e-9 of it
+        (surface,) = system.surfaces
+        weight, knee = (surface.K * surface.terms[0].sigma) ** 2, 1e-3
+        halo = radial_scatter(system, 1.0)
+        r = np.geomspace(1e-5, 0.5, 12)
+        density = weight * (C - 1.0) / (2.0 * math.pi * knee**2) * (1.0 + (r / knee) ** 2) ** (-0.5 * (C + 1.0))
+        energy = -weight * np.expm1(-0.5 * (C - 1.0) * np.log1p((r / knee) ** 2))
+        np.testing.assert_allclose(halo.psf(r * r), density, rtol=2e-8 if C < 1.5 else 3e-9)  # g, and the clip
+        np.testing.assert_allclose(halo.inside(r * r), energy, rtol=2e-8 if C < 1.5 else 3e-9)
+
+
+def test_the_shells_hold_all_that_is_scattered():
+    for name in ("C=4.0", "C=6.0", "C=8.0", "very rough and steep"):
+        halo = radial_scatter(SYSTEMS[name], 3.0)
+        assert abs(halo.closure) < 1e-9  # the tail beyond as a power law, 1 - exp(-g) as a sum
+
+
+def test_the_clipped_contour_agrees_with_fftlog_where_most_lies_beyond_the_horizon():
+    rough = one_mirror(8.0, 3e-4, 1.08)  # B = 30 wavelengths: K^2 sigma^2 is 34, and exp(26) of it would cancel
+    r, s = scatter_psf_fftlog(rough)
+    known = (r > 1e-3) & (r < 0.5) | (r > 20.0) & (r < 900.0)
+    value, noise = radial._clipped(rough, r[known])
+    np.testing.assert_allclose(value, s[known], rtol=1e-6)  # FFTLog's own at the kink of the clip
+    assert noise.max() < 1e-9
+    gentle = one_mirror(0.8, 1.0, 1.8)
+    r = np.geomspace(1e-4, 300.0, 12)
+    halo = radial_scatter(gentle, 400.0)
+    np.testing.assert_allclose(radial._clipped(gentle, r)[0], halo.psf(r * r), rtol=1e-9)
+
+
+# -- rectangles
+
+
+WINDOWS = [(-0.3, 0.4, -0.2, 0.5), (0.002, 0.003, -0.001, 0.001), (0.01, 0.011, 0.2, 0.2003), (0.004, 0.9, 0.001, 0.7)]
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_rectangles_of_exponential_correlation_are_arctangents(window):
+    system = one_mirror(0.83, 1.0, 2.0)
+    x0, x1, y0, y1 = window
+    corners = [((x1, y1), 1), ((x0, y1), -1), ((x1, y0), -1), ((x0, y0), 1)]
+    exact = math.fsum(sign * unclipped_exponential_corner(system, *corner) for corner, sign in corners)
+    assert Image(system, 2.0).scattered(window) == pytest.approx(exact, rel=2e-9)  # the clip: (1 mm/d)^3 = 1e-9
+
+
+def test_the_three_ways_to_a_rectangle_agree():
+    image = Image(PAPER, 20.0)
+    x, y = np.array([0.003]), np.array([-0.004])
+    for window in ((0.5, 0.9, -0.1, 0.3), (0.02, 0.05, -0.004, 0.01), (2.0, 5.0, 1.0, 6.0)):
+        edges = [np.linspace(window[i], window[i + 1], 33) for i in (0, 2)]
+        fine = [(*a, *b) for a, b in itertools.product(*(itertools.pairwise(e) for e in edges))]
+        by_parts = math.fsum(float(image._about(part, x, y)[0]) for part in fine)  # small: the product rule
+        assert float(image._about(window, x, y)[0]) == pytest.approx(by_parts, rel=1e-9)
+        assert float(image._by_corners(window, x, y)[0]) == pytest.approx(by_parts, rel=1e-9, abs=1e-10)
+
+
+def test_the_pupil_rule_finds_a_narrow_gaussian_in_a_wide_spot():
+    # defocus alone: the spot is a uniform annulus, on which a narrow Gaussian has its whole integral over the area
+    system = TruthSystem(1e-5, (), 0.1, 0.4, {"W020": 5e-4})
+    width, area = 2e-5, math.pi * 0.01**2 * (1.0 - 0.4**2)
+
+    def gaussian(x, y):
+        return np.exp(-0.5 * ((x - 0.006) ** 2 + (y - 0.003) ** 2) / width**2)
+
+    assert pupil_mean(system, gaussian) == pytest.approx(2.0 * math.pi * width**2 / area, rel=1e-9)
+
+
+@pytest.mark.parametrize("sector", [None, (0.3, 2.1)])
+def test_the_pupil_rule_is_a_product_rule_of_high_order(sector):
+    system = paper_telescope(field=1.0).but(sector=sector)
+    x, y, w = pupil_rule(system, 40, 160)
+    from truth.geometry import ray_error
+
+    ex, ey = ray_error(system, x, y)
+    exact = float(w @ np.cos(300.0 * ex + 200.0 * ey))
+    assert pupil_mean(system, lambda x, y: np.cos(300.0 * x + 200.0 * y)) == pytest.approx(exact, abs=1e-10)
+
+
+# -- the whole
+
+
+@pytest.mark.parametrize("name", sorted(REFERENCE))
+def test_quick_ensquared_energies_are_those_of_reference(name):
+    image = Image(REFERENCE[name], 60.0)
+    for row in reference_rows(name)[::3]:
+        energy = image.square(row["half_width_um"] * 1e-3)
+        assert energy == pytest.approx(row["ensquared_energy"], abs=5e-8)  # the table's own digits
+
+
+@pytest.mark.parametrize("sector", [None, (0.3, 2.1)])
+def test_the_quick_judge_agrees_with_the_slow_one(sector):
+    system = PAPER.but(sector=sector, field=(0.6, 0.8))
+    image = Image(system, 60.0)
+    for window in ((-0.004, 0.01, 0.001, 0.006), (0.02, 0.021, 0.0, 0.003), (0.5, 0.521, 0.3, 0.321), (3.0, 5.0, -1.0, 2.0)):
+        assert image.energy(window) == pytest.approx(pixel_energy(system, *window), rel=1e-9, abs=1e-9)
+    assert image.square(0.05, (0.01, 0.0)) == pytest.approx(box_energy(system, 0.05, (0.01, 0.0)), abs=1e-9)
+
+
+def test_fewer_panels_do_for_unscattered_light():
+    for window in ((-0.004, 0.004, -0.004, 0.004), (0.001, 0.0013, -0.002, 0.0047)):
+        few, many = specular_energy(PAPER, *window, 3e-10, panels=12), specular_energy(PAPER, *window)
+        assert few == pytest.approx(many, abs=3e-10)
+
+
+def test_a_window_touched_by_a_single_ray_is_touched():
+    image = Image(TruthSystem(1e-5, (), 0.1, 0.0, {"W020": 5e-4}), 1.0)  # a disc of radius 0.01 mm
+    assert image.touches((0.0099, 0.02, -1e-3, 1e-3))
+    assert not image.touches((0.0101, 0.02, -1e-3, 1e-3))
+    assert image.unscattered((-0.011, 0.011, -0.011, 0.011)) == 1.0
+
+
+def test_a_system_without_scatter_or_spread_is_a_point():
+    bare = Image(TruthSystem(1e-5, (mirror(1e-5, 100.0),)), 1.0)
+    assert bare.energy((0.0, 1.0, 0.0, 1.0)) == pytest.approx(0.25, abs=1e-12)
+    assert bare.scattered((0.1, 1.0, 0.0, 1.0)) == 0.0
