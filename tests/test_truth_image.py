@@ -46,7 +46,7 @@ def test_complex_correlations_keep_their_digits():
         np.testing.assert_allclose(decorrelation_complex(u, nu)[2:], exact, rtol=1e-12)  # 8e-14 measured
         np.testing.assert_allclose(decorrelation_complex(size + 0j, nu).real, decorrelation(size, nu), rtol=1e-12)
         real, imaginary = correlation_on_the_cut(size, nu)
-        nearly = decorrelation_complex(size * np.exp(1j * math.pi * 0.4999999), nu)  # just off the cut
+        nearly = decorrelation_complex(size * np.exp(1j * math.pi * (0.5 - 1e-11)), nu)  # just off the cut
         np.testing.assert_allclose(real, nearly.real, atol=1e-8 * np.abs(nearly).max())
         np.testing.assert_allclose(-imaginary, nearly.imag, atol=1e-8 * np.abs(nearly).max())
 
@@ -91,10 +91,10 @@ def test_the_shells_hold_all_that_is_scattered():
 
 def test_the_clipped_contour_agrees_with_fftlog_where_most_lies_beyond_the_horizon():
     rough = one_mirror(8.0, 3e-4, 1.08)  # B = 30 wavelengths: K^2 sigma^2 is 34, and exp(26) of it would cancel
-    r, s = scatter_psf_fftlog(rough)
-    known = (r > 1e-3) & (r < 0.5) | (r > 20.0) & (r < 900.0)
+    r, s = (v[::160] for v in scatter_psf_fftlog(rough, points=1 << 16))
+    known = (r > 1e-3) & (r < 900.0)
     value, noise = radial._clipped(rough, r[known])
-    np.testing.assert_allclose(value, s[known], rtol=1e-6)  # FFTLog's own at the kink of the clip
+    np.testing.assert_allclose(value, s[known], rtol=3e-7)  # FFTLog's own at the kink of the clip: 1e-6 at 2^14 points
     assert noise.max() < 1e-9
     gentle = one_mirror(0.8, 1.0, 1.8)
     r = np.geomspace(1e-4, 300.0, 12)

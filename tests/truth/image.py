@@ -26,7 +26,7 @@ from .system import TruthSystem, specular_weight
 Window = tuple[float, float, float, float]
 Density = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-RELATIVE, ABSOLUTE = 1e-9, 1e-11  # of the pupil rule, the coarser of the two of each rectangle's scattered light
+RELATIVE, FAINTEST = 1e-9, 1e-35  # of each rectangle's scattered light: a core missed by all rays shows in its tail
 _UNSCATTERED = 3e-10  # the tolerance of unscattered light, of all light
 _MOST_CELLS = 100_000
 _CORNER_STEP = 0.05  # of asinh(X/c), for a quintic spline: 1e-10 of the light
@@ -37,7 +37,7 @@ _RAYS_AT_ONCE = 20_000
 class Image:
     """One system's image; ``reach`` [mm] bounds the distances between its rays and any corner asked for.
 
-    Energies are fractions of all light: scattered light to 1e-8 of itself or 1e-10 of all, unscattered to 1e-9.
+    Energies are fractions of all light: scattered light to 1e-8 of itself, unscattered to 1e-9.
     """
 
     def __init__(self, system: TruthSystem, reach: float) -> None:
@@ -121,7 +121,7 @@ def _azimuths(system: TruthSystem) -> tuple[float, float]:
 def pupil_mean(system: TruthSystem, density: Density) -> float:
     """The mean over the lit pupil of ``density`` (eps_x, eps_y) [any unit], smooth in the image plane.
 
-    Cells are quartered until a cell and its quarters agree within 1/32 of ``RELATIVE`` of the whole or of ``ABSOLUTE``.
+    Cells are quartered until a cell and its quarters agree within 1/32 of ``RELATIVE`` of the whole.
     The rule, of degree 13, then errs by far less. Raises ArithmeticError beyond ``_MOST_CELLS``.
     """
     inner, (first, last) = system.obscuration**2, _azimuths(system)
@@ -152,7 +152,7 @@ def pupil_mean(system: TruthSystem, density: Density) -> float:
         fine = rule(quarters)
         together = fine.reshape(-1, 4).sum(axis=1)
         whole = settled + together.sum()
-        poor = np.abs(together - coarse) > max(RELATIVE * abs(whole), ABSOLUTE) / 32.0
+        poor = np.abs(together - coarse) > max(RELATIVE * abs(whole), FAINTEST) / 32.0
         settled += together[~poor].sum()
         poor4 = np.repeat(poor, 4)
         cells, coarse = quarters[poor4], fine[poor4]
