@@ -72,7 +72,8 @@ def lines(found: Draw | Broken) -> list[str]:
             reached = ", ".join(f"{n} {getattr(run.told, n):.1e} of {getattr(run.asked, n):.0e}" for n in run.short)
             told.append(f"{head}exit 3: {reached}")
     if (total := sum(run.seconds for run in found.runs)) > SLOW:
-        told.append(f"draw {found.number}: slow: {' + '.join(f'{run.seconds:.1f}' for run in found.runs)} = {total:.1f} s")
+        each = " + ".join(f"{run.seconds:.1f}" for run in found.runs)
+        told.append(f"draw {found.number}: slow: {each} = {total:.1f} s")
     return told
 
 

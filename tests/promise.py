@@ -53,7 +53,8 @@ class Kept:
     """One run: what was asked and told, and the true errors; ``faults`` are words for what must not be.
 
     ``pixel`` is the largest (|error| - allowance)/P over the judged pixels, as ERRPIX is told; ``ee`` the largest
-    error of the judged energies and of the light outside. ``places`` are where. Each is less the judge's own error.
+    error of the judged energies, as ERREE is told. ``places`` are where. ``outside`` is the error of the light that
+    misses the window, which is held to ``ee`` but is no energy of a square. Each is less the judge's own error.
     ``refused`` is why there is no image.
     """
 
@@ -62,6 +63,7 @@ class Kept:
     pixel: float
     ee: float
     places: tuple[str, str]
+    outside: float
     seconds: float
     refused: str = ""
     faults: tuple[str, ...] = field(default=())
@@ -76,6 +78,8 @@ class Kept:
     def violations(self) -> tuple[str, ...]:
         """What breaks the promise."""
         found = list(self.faults)
+        if self.outside > self.asked.ee and not self.short:
+            found.append(f"outside: true {self.outside:.2e} > asked {self.asked.ee:.0e}")
         for name in () if self.refused else ("pixel", "ee"):
             asked, told, true = (getattr(part, name) for part in (self.asked, self.told, self))
             place = self.places[name == "ee"]
@@ -171,7 +175,7 @@ def kept(scene: Scene, accuracy: float, truth: Truth) -> Kept:
             result = psfcli.run(system)
         except SceneError as error:
             nothing = Tolerance(math.inf, math.inf)
-            return Kept(asked, nothing, 0.0, 0.0, ("", ""), time.process_time() - started, str(error))
+            return Kept(asked, nothing, 0.0, 0.0, ("", ""), 0.0, time.process_time() - started, str(error))
     seconds = time.process_time() - started
     faults = [f"warning: {w.message} ({Path(w.filename).name}:{w.lineno})" for w in told_off]
     cubes = {False: result.psf[0, 0], True: None if result.psf_over is None else result.psf_over[0, 0]}
@@ -189,10 +193,9 @@ def kept(scene: Scene, accuracy: float, truth: Truth) -> Kept:
         pixels[place] = max(0.0, abs(got - p.energy) - asked.ee * p.lit - judge) / p.energy
     table = result.ensquared_energy
     energies = {
-        f"{column} [{box}]": abs(float(table[column][box]) - energy)
-        for (column, box), energy in truth.boxes.items()
+        f"{column} [{box}]": abs(float(table[column][box]) - energy) for (column, box), energy in truth.boxes.items()
     }
-    energies["outside"] = abs(float(result.fields["power_outside"][0]) - truth.outside)
+    outside = abs(float(result.fields["power_outside"][0]) - truth.outside)
     worst, farthest = (max(errors, key=errors.get) if errors else "" for errors in (pixels, energies))
     told = Tolerance(result.reached[0].pixel, result.reached[0].ee)
     return Kept(
@@ -201,6 +204,7 @@ def kept(scene: Scene, accuracy: float, truth: Truth) -> Kept:
         pixels.get(worst, 0.0),
         max(0.0, energies[farthest] - JUDGED_ENERGY),
         (worst, farthest),
+        max(0.0, outside - JUDGED_ENERGY),
         seconds,
         faults=tuple(faults),
     )

@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 import pytest
-from truth import radial
 from truth.cases import REFERENCE, one_mirror, paper_telescope, reference_rows
 from truth.contour import scatter_psf_mpmath
-from truth.correlation import correlation_on_the_cut, decorrelation, decorrelation_complex, decorrelation_mpmath
+from truth.contours import clipped
+from truth.correlation import correlation_on_the_cut, correlation_parts, decorrelation, decorrelation_mpmath
 from truth.ensquared import box_energy, pixel_energy
-from truth.geometry import pupil_rule
+from truth.geometry import pupil_rule, ray_error
 from truth.halo import SYSTEMS, rows
 from truth.horizon import missing_psf
 from truth.image import Image, pupil_mean
@@ -43,10 +43,10 @@ def test_complex_correlations_keep_their_digits():
     for nu, turn in itertools.product((0.025, 0.5, 1.0, 1.003, 1.3, 3.5), (0.0, 0.2, 0.4)):
         u = size * np.exp(1j * math.pi * turn)
         exact = np.array([complex(decorrelation_mpmath(complex(v), nu)) for v in u[2:]])
-        np.testing.assert_allclose(decorrelation_complex(u, nu)[2:], exact, rtol=1e-12)  # 8e-14 measured
-        np.testing.assert_allclose(decorrelation_complex(size + 0j, nu).real, decorrelation(size, nu), rtol=1e-12)
+        np.testing.assert_allclose(correlation_parts(u, nu)[0][2:], exact, rtol=1e-12)  # 8e-14 measured
+        np.testing.assert_allclose(correlation_parts(size + 0j, nu)[0].real, decorrelation(size, nu), rtol=1e-12)
         real, imaginary = correlation_on_the_cut(size, nu)
-        nearly = decorrelation_complex(size * np.exp(1j * math.pi * (0.5 - 1e-11)), nu)  # just off the cut
+        nearly = correlation_parts(size * np.exp(1j * math.pi * (0.5 - 1e-11)), nu)[0]  # just off the cut
         np.testing.assert_allclose(real, nearly.real, atol=1e-8 * np.abs(nearly).max())
         np.testing.assert_allclose(-imaginary, nearly.imag, atol=1e-8 * np.abs(nearly).max())
 
@@ -93,13 +93,13 @@ def test_the_clipped_contour_agrees_with_fftlog_where_most_lies_beyond_the_horiz
     rough = one_mirror(8.0, 3e-4, 1.08)  # B = 30 wavelengths: K^2 sigma^2 is 34, and exp(26) of it would cancel
     r, s = (v[::160] for v in scatter_psf_fftlog(rough, points=1 << 16))
     known = (r > 1e-3) & (r < 900.0)
-    value, noise = radial._clipped(rough, r[known])
+    value, noise = clipped(rough, r[known])
     np.testing.assert_allclose(value, s[known], rtol=3e-7)  # FFTLog's own at the kink of the clip: 1e-6 at 2^14 points
     assert noise.max() < 1e-9
     gentle = one_mirror(0.8, 1.0, 1.8)
     r = np.geomspace(1e-4, 300.0, 12)
     halo = radial_scatter(gentle, 400.0)
-    np.testing.assert_allclose(radial._clipped(gentle, r)[0], halo.psf(r * r), rtol=1e-9)
+    np.testing.assert_allclose(clipped(gentle, r)[0], halo.psf(r * r), rtol=1e-9)
 
 
 # -- rectangles
@@ -143,8 +143,6 @@ def test_the_pupil_rule_finds_a_narrow_gaussian_in_a_wide_spot():
 def test_the_pupil_rule_is_a_product_rule_of_high_order(sector):
     system = paper_telescope(field=1.0).but(sector=sector)
     x, y, w = pupil_rule(system, 40, 160)
-    from truth.geometry import ray_error
-
     ex, ey = ray_error(system, x, y)
     exact = float(w @ np.cos(300.0 * ex + 200.0 * ey))
     assert pupil_mean(system, lambda x, y: np.cos(300.0 * x + 200.0 * y)) == pytest.approx(exact, abs=1e-10)
@@ -165,7 +163,12 @@ def test_quick_ensquared_energies_are_those_of_reference(name):
 def test_the_quick_judge_agrees_with_the_slow_one(sector):
     system = PAPER.but(sector=sector, field=(0.6, 0.8))
     image = Image(system, 60.0)
-    for window in ((-0.004, 0.01, 0.001, 0.006), (0.02, 0.021, 0.0, 0.003), (0.5, 0.521, 0.3, 0.321), (3.0, 5.0, -1.0, 2.0)):
+    for window in (
+        (-0.004, 0.01, 0.001, 0.006),
+        (0.02, 0.021, 0.0, 0.003),
+        (0.5, 0.521, 0.3, 0.321),
+        (3.0, 5.0, -1.0, 2.0),
+    ):
         assert image.energy(window) == pytest.approx(pixel_energy(system, *window), rel=1e-9, abs=1e-9)
     assert image.square(0.05, (0.01, 0.0)) == pytest.approx(box_energy(system, 0.05, (0.01, 0.0)), abs=1e-9)
 

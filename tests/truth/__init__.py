@@ -10,15 +10,19 @@ system         ``TruthSystem``: the numbers that define a case
 correlation    1 - rho(u) of a K-correlation surface, in doubles and in mpmath
 scatter        transfer functions, S(r) from the contour, and by FFTLog
 contour        S(r) on a slanted ray of the complex plane, in mpmath; tables of it
+contours       S(r) in doubles, each radius on the contour that loses least
+radial         tables of that and of its energy
 panels         S(r) on the real axis, by panels between Bessel zeros
 horizon        what the clip at the horizon takes away from S
 geometry       third-order ray errors, counted rays, closed forms of simple spots
 specular       unscattered light in a rectangle: roots of quartics on rings of the pupil
 ensquared      energies of pixels, boxes and of all that lies outside a window
+image          the same energies, quickly: tables of the halo, cells of the pupil
 montecarlo     sampled deviations and ray errors
 cases          the paper's telescope and the reference systems
 halo           S(r) of sixteen systems, stored
 scenes         system files as dictionaries, read anew
+random_systems system files at random, over all a user may have
 =============  ==================================================================================================
 """
 

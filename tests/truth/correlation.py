@@ -29,19 +29,18 @@ def decorrelation(u: np.ndarray, nu: float) -> np.ndarray:
     return result
 
 
-def decorrelation_complex(u: np.ndarray, nu: float) -> np.ndarray:
-    """1 - rho(u) in doubles for complex u, |arg u| <= pi/2, and nu < 5: 1e-13 relative off the imaginary axis."""
+def correlation_parts(u: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndarray]:
+    """1 - rho(u) and rho(u) in doubles for complex u, |arg u| < pi/2, and nu < 5: both 1e-13 relative, where |u| < 0.3
+
+    the first alone.
+    """
     u = np.asarray(u, complex)
-    result = np.ones_like(u)
-    small, large = np.abs(u) < 0.3, u.real > 800.0
-    result[~small & ~large] = 1.0 - correlation_complex(u[~small & ~large], nu)
-    result[small] = _near_whole(u[small], nu)
-    return result
-
-
-def correlation_complex(u: np.ndarray, nu: float) -> np.ndarray:
-    """rho(u) in doubles for complex u, 0.3 < |u|, Re u < 800: 1e-13 relative."""
-    return np.exp((1.0 - nu) * np.log(2.0) - gammaln(nu) + nu * np.log(u) - u) * kve(nu, u)
+    fallen, left = np.ones_like(u), np.zeros_like(u)
+    small, large = np.abs(u) < 0.3, u.real > 700.0
+    v = u[~small & ~large]
+    left[~small & ~large] = np.exp((1.0 - nu) * np.log(2.0) - gammaln(nu) + nu * np.log(v) - v) * kve(nu, v)
+    fallen[small] = _near_whole(u[small], nu)
+    return np.where(small, fallen, 1.0 - left), np.where(small, 1.0 - fallen, left)
 
 
 def correlation_on_the_cut(x: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndarray]:

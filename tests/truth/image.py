@@ -1,7 +1,7 @@
 """The composite image of one field in many rectangles: the quick judge, for images whose halo is tabled once.
 
-As ``ensquared``, an energy is the unscattered light of the rectangle plus that of S about every ray. The scattered light
-of a ray at (x, y) in a rectangle, by where the ray is (c: narrowest knee, gap: distance to the rectangle):
+As ``ensquared``, an energy is the unscattered light of the rectangle plus that of S about every ray. The scattered
+light of a ray at (x, y) in a rectangle, by where the ray is (c: narrowest knee, gap: distance to the rectangle):
 
 - rectangle small against hypot(gap, c): a product Gauss rule of S, to relative accuracy;
 - ray outside: - (1/2 pi) closed Int [energy beyond R] dphi along the edges, to relative accuracy;

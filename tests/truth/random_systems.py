@@ -156,5 +156,3 @@ def _half_widths(random: np.random.Generator, scene: Scene, pixel: float) -> lis
     while len(widths) < 8:
         widths.add(pixel * _log(random, 1e-2, most / pixel))
     return sorted(float(max(w, 1e-9)) for w in widths)
-
-

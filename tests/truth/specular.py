@@ -82,9 +82,9 @@ def specular_energy(
 ) -> float:
     """Fraction of PSF_G in the rectangle [mm]; the light of the specular image is exp(-sum g) times this.
 
-    ``panels`` in rho^2 are halved until each differs from its halves by less than its share of ``tolerance``. Against the
-    exact annulus and line: 1e-10 or better. A spot that collapses to a point on an edge counts half (a
-    quarter at a corner).
+    ``panels`` in rho^2 are halved until each differs from its halves by less than its share of ``tolerance``. Against
+    the exact annulus and line: 1e-10 or better. A spot that collapses to a point on an edge counts half (a quarter at
+    a corner).
     """
     inner = system.obscuration**2
 

@@ -1,0 +1,138 @@
+"""S(r) on three contours, in doubles, and what the rounding leaves of it at each radius.
+
+``unclipped`` takes, radius by radius, the best of
+
+- rays at an angle, S = 4 Im Int q h(q) K0(-2 pi i q r) dq with h(0) subtracted or not: the core;
+- the cut, S = -4 Int t K0(2 pi r t) Im h(it) dt: the wing, however faint, as nothing there cancels.
+
+Trapezoids in the logarithm share their samples among all radii. ``clipped`` keeps the clip at the horizon: the real
+axis to the last q_c, and a slanted ray from there; for where so much lies beyond the horizon that the unclipped S is
+huge.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import hankel1e, j0, kve
+
+from .correlation import correlation_on_the_cut, correlation_parts
+from .horizon import clip_frequencies
+from .scatter import transfer_function
+from .system import TruthSystem, specular_weight
+
+STEP = 0.02  # in the logarithm of q; the rules converge like exp(-2 pi 0.15/step)
+STRIDE = 4  # steps between radii
+_LOW, _HIGH = -23.0, 5.5  # of ln(2 pi |q| r)
+_SLANTS = 0.12, 0.2, 0.3  # over pi
+_ROUNDING = 4e-15  # of one sample, relative
+_MOST_TURNS = 20.0  # h(it) oscillates like this argument, which the rule must resolve
+
+
+def unclipped(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(S [1/mm^2], relative noise) of the unclipped S at radii ``STRIDE`` x ``STEP`` apart in the logarithm."""
+    n = np.arange(math.floor(_LOW / STEP), math.ceil(_HIGH / STEP) + 1)  # 2 pi |q| r = exp(n step)
+    shift = STRIDE * (len(log_r) - 1)
+    k = np.arange(n[0] - shift, n[-1] + 1)
+    size = np.exp(k * STEP - log_r[0]) / (2.0 * np.pi)  # |q|
+    candidates = []
+    for slant in _SLANTS:
+        turn = np.exp(1j * np.pi * slant)
+        z = -1j * turn * np.exp(n * STEP)
+        kernel = kve(0, z) * np.exp(-z)
+        q = turn * size
+        fallen, left = _exponents(system, q)
+        subtracted = math.exp(_log_height(system)) * np.expm1(-fallen)
+        for h in (subtracted, specular_weight(system) * np.expm1(left)):
+            candidates.append(_sums(4.0 * STEP * (q * q * h), kernel, len(log_r)))
+    candidates.append(_on_the_cut(system, size, np.exp(n * STEP), len(log_r)))
+    value, noise = (np.array(part) for part in zip(*candidates, strict=True))
+    noise = np.where(np.isfinite(noise) & (value > 0.0), noise / np.abs(value), np.inf)
+    best = np.argmin(noise, axis=0)[None]
+    return np.take_along_axis(value, best, 0)[0], np.take_along_axis(noise, best, 0)[0]
+
+
+def _sums(samples: np.ndarray, kernel: np.ndarray, radii: int) -> tuple[np.ndarray, np.ndarray]:
+    """Im Sum samples x kernel at every radius, and its rounding."""
+    shifted = np.lib.stride_tricks.sliding_window_view(samples, len(kernel))[::-1][::STRIDE][:radii]
+    return (shifted @ kernel).imag, _ROUNDING * (np.abs(shifted) @ np.abs(kernel))
+
+
+def _on_the_cut(system: TruthSystem, t: np.ndarray, x: np.ndarray, radii: int) -> tuple[np.ndarray, np.ndarray]:
+    """S from Im h(it), and its noise: the rounding, and the smallest sample beyond the peak, where the sum must end."""
+    real, imaginary = np.zeros_like(t), np.zeros_like(t)
+    widest = max(system.wavelength * s.d / term.B for s in system.surfaces for term in s.terms)
+    resolved = 2.0 * np.pi * widest * t < _MOST_TURNS
+    for s in system.surfaces:
+        for term in s.terms:
+            fallen, part = correlation_on_the_cut(
+                2.0 * np.pi * system.wavelength * s.d * t / term.B, 0.5 * (term.C - 1.0)
+            )
+            real -= (s.K * term.sigma) ** 2 * fallen
+            imaginary += (s.K * term.sigma) ** 2 * part
+    samples = -4.0 * STEP * t * t * np.exp(_log_height(system) + real) * np.sin(imaginary)
+    # h(it) swings between huge and tiny: the envelope of what has been is no accident
+    envelope = np.minimum(np.maximum.accumulate(np.abs(imaginary)), 1.0)
+    bound = 4.0 * STEP * t * t * np.exp(_log_height(system) + np.maximum.accumulate(np.abs(real))) * envelope
+    bound[~resolved] = np.inf
+    kernel = kve(0, x) * np.exp(-x)
+    shifted, bounds = (
+        np.lib.stride_tricks.sliding_window_view(v, len(kernel))[::-1][::STRIDE][:radii] for v in (samples, bound)
+    )
+    value, noise = np.empty(radii), np.empty(radii)
+    peak = int(np.searchsorted(x, 1.0))
+    for m in range(radii):
+        size = bounds[m] * kernel
+        finite = np.isfinite(size[peak:])
+        end = peak + int(np.argmin(np.where(finite, size[peak:], np.inf)))
+        value[m] = np.sum(shifted[m, :end] * kernel[:end])
+        noise[m] = _ROUNDING * np.sum(size[:end]) + 100.0 * size[end]
+    return value, noise
+
+
+def clipped(system: TruthSystem, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(S [1/mm^2], relative noise) with the clip at any radii [mm]."""
+    clips = sorted(clip_frequencies(system.wavelength, system.surfaces))
+    first = min(clips[0], clips[-1] / 24.0)
+    edges = np.unique([*clips, *np.linspace(first, clips[-1], 41), *(first * 0.5 ** np.arange(1, 40)), 0.0])
+    x, w = np.polynomial.legendre.leggauss(14)
+    half = 0.5 * np.diff(edges)[:, None]
+    q, weight = (edges[:-1, None] + half + half * x).ravel(), (half * w).ravel()
+    near = 2.0 * np.pi * q * weight * (transfer_function(system, q) - specular_weight(system))
+    J = j0(2.0 * np.pi * np.outer(r, q))
+    value, noise = J @ near, np.abs(J) @ np.abs(near)
+    turn, step = np.exp(0.2j * np.pi), 2.0 * STEP
+    distance = np.exp(np.arange(-52.0, math.log(45.0 / turn.imag), step))  # 2 pi r |q - last clip|
+    for i, radius in enumerate(r):
+        along = turn * distance / (2.0 * np.pi * radius)
+        q_far = clips[-1] + along
+        fallen, left = _exponents(system, q_far)
+        high = left.real > 1.0
+        h = specular_weight(system) * np.expm1(np.where(high, 0.0, left))
+        h[high] = np.exp(_log_height(system) - fallen[high]) - specular_weight(system)
+        z = 2.0 * np.pi * radius * q_far
+        far = 2.0 * np.pi * step * q_far * h * hankel1e(0, z) * np.exp(1j * z) * along
+        value[i] += far.sum().real
+        noise[i] += np.abs(far).sum()
+    return value, _ROUNDING * noise / np.abs(value)
+
+
+def _exponents(system: TruthSystem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sums over all terms of K^2 sigma^2 (1 - rho) and of K^2 sigma^2 rho at complex q."""
+    fallen, left = np.zeros_like(q), np.zeros_like(q)
+    for s in system.surfaces:
+        for t in s.terms:
+            parts = correlation_parts(2.0 * np.pi * system.wavelength * s.d * q / t.B, 0.5 * (t.C - 1.0))
+            fallen += (s.K * t.sigma) ** 2 * parts[0]
+            left += (s.K * t.sigma) ** 2 * parts[1]
+    return fallen, left
+
+
+def _log_height(system: TruthSystem) -> float:
+    """Sum of K^2 C(0) - g, the logarithm of the unclipped OTF at q = 0."""
+    return math.fsum(
+        (s.K * t.sigma) ** 2 * beyond
+        for s in system.surfaces
+        for t, beyond in zip(s.terms, s.beyond(system.wavelength), strict=True)
+    )
