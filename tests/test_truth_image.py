@@ -173,10 +173,20 @@ def test_the_quick_judge_agrees_with_the_slow_one(sector):
     assert image.square(0.05, (0.01, 0.0)) == pytest.approx(box_energy(system, 0.05, (0.01, 0.0)), abs=1e-9)
 
 
-def test_fewer_panels_do_for_unscattered_light():
-    for window in ((-0.004, 0.004, -0.004, 0.004), (0.001, 0.0013, -0.002, 0.0047)):
-        few, many = specular_energy(PAPER, *window, 3e-10, panels=12), specular_energy(PAPER, *window)
-        assert few == pytest.approx(many, abs=3e-10)
+def test_a_tiny_window_in_a_wide_spot_is_found_however_small():
+    # defocus: uniform light, of which a square far from the rims takes its share of the area
+    system, area = TruthSystem(1e-5, (), 0.1, 0.4, {"W020": 5e-4}), math.pi * 0.01**2 * (1.0 - 0.4**2)
+    for half_width in (1e-3, 1e-5, 1e-7):
+        window = (0.006 - half_width, 0.006 + half_width, 0.002 - half_width, 0.002 + half_width)
+        exact = 4.0 * half_width**2 / area
+        assert specular_energy(system, *window, 1e-6 * exact) == pytest.approx(exact, rel=1e-6)
+    # several sheets of light: the sum of its parts
+    x, y = ray_error(PAPER, 0.3, -0.6)
+    window = (x - 1e-5, x + 1e-5, y - 1e-5, y + 1e-5)
+    parts = [(x - 1e-5, x + 3e-6, *window[2:]), (x + 3e-6, x + 1e-5, *window[2:])]
+    whole = specular_energy(PAPER, *window, 1e-13)
+    assert whole == pytest.approx(sum(specular_energy(PAPER, *part, 1e-13) for part in parts), abs=1e-12)
+    assert whole > 1e-8
 
 
 def test_a_window_touched_by_a_single_ray_is_touched():

@@ -70,7 +70,7 @@ class Image:
             return 1.0
         if x1 < window[0] or x0 > window[1] or y1 < window[2] or y0 > window[3]:
             return 0.0
-        return specular_energy(self.system, *window, _UNSCATTERED / max(self.specular, 1e-3), panels=12)
+        return specular_energy(self.system, *window, _UNSCATTERED / max(self.specular, 1e-3))
 
     def scattered(self, window: Window) -> float:
         """Energy of PSF_G (x) S in the window."""

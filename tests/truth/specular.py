@@ -2,8 +2,8 @@
 
 On a ring rho = const the ray errors are trigonometric polynomials of degree 2 in the azimuth. Their crossings with an
 edge are the roots of a quartic in exp(i phi) (eigenvalues of its companion matrix), polished by Newton's method;
-between neighbouring crossings the ray stays in or out. The lit fraction of the ring is then integrated over rho^2 by
-panels halved where the fraction has kinks.
+between neighbouring crossings the ray stays in or out. The lit fraction of the ring is then integrated over rho^2,
+where rings may land in the rectangle at all, by panels halved where the fraction has kinks.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 # Clenshaw-Curtis, exact to degree 12: its nodes include the ends, where a kink would hide from a Gauss rule
 _NODES = np.cos(np.pi * np.arange(13) / 12.0)
 _WEIGHTS = np.linalg.solve(np.polynomial.legendre.legvander(_NODES, 12).T, np.eye(13)[0] * 2.0)
+
+_PANELS = 12  # to begin with, in each interval of rings
+_MOST_CELLS = 4000
 
 
 def _harmonics(system: TruthSystem, rho: np.ndarray) -> np.ndarray:
@@ -77,14 +80,54 @@ def lit_fraction(system: TruthSystem, rho: np.ndarray, x0: float, x1: float, y0:
     return (np.diff(cuts, axis=1) * inside).sum(axis=1) / (last - first)
 
 
-def specular_energy(
-    system: TruthSystem, x0: float, x1: float, y0: float, y1: float, tolerance: float = 1e-11, panels: int = 32
-) -> float:
+def rings_that_may_land(system: TruthSystem, x0: float, x1: float, y0: float, y1: float) -> np.ndarray:
+    """Intervals of rho, shape [n, 2], outside which no ray lands in the rectangle [mm].
+
+    Cells of the pupil are quartered, and those are kept whose rays, by the greatest slopes of the ray errors, may land
+    there, until a cell's light is no wider than the rectangle (or ``_MOST_CELLS`` are kept). However small the
+    rectangle, its rings are found.
+    """
+    first, last = system.sector or (-np.pi, np.pi)
+    rho, phi = np.linspace(system.obscuration, 1.0, 33)[:, None], np.linspace(first, last, 193)
+    fan = np.array(ray_error(system, rho * np.cos(phi), rho * np.sin(phi)))
+    cells = np.array([[system.obscuration, 1.0, first, last]])
+    slopes = [
+        1.2 * np.abs(np.diff(fan, axis=axis)).max(axis=(1, 2)) / size
+        for axis, size in ((1, (1.0 - system.obscuration) / 32.0), (2, (last - first) / 192.0))
+    ]
+    for _ in range(40):
+        r0, r1, f0, f1 = cells.T
+        r, f = 0.5 * (r0 + r1), 0.5 * (f0 + f1)
+        ex, ey = ray_error(system, r * np.cos(f), r * np.sin(f))
+        wide_x, wide_y = (0.5 * (r1 - r0) * slopes[0][i] + 0.5 * (f1 - f0) * slopes[1][i] for i in (0, 1))
+        near = (ex + wide_x >= x0) & (ex - wide_x <= x1) & (ey + wide_y >= y0) & (ey - wide_y <= y1)
+        cells, r, f = cells[near], r[near], f[near]
+        small = 2.0 * wide_x.max() <= x1 - x0 and 2.0 * wide_y.max() <= y1 - y0
+        if len(cells) == 0 or len(cells) > _MOST_CELLS or (small and r1[0] - r0[0] < 0.1):
+            break
+        r0, r1, f0, f1 = cells.T
+        cells = np.concatenate(
+            [np.stack(quarter, axis=1) for quarter in ((r0, r, f0, f), (r0, r, f, f1), (r, r1, f0, f), (r, r1, f, f1))]
+        )
+    return _joined(cells[:, :2])
+
+
+def _joined(intervals: np.ndarray) -> np.ndarray:
+    """The union of intervals [n, 2] as intervals that do not touch."""
+    if len(intervals) == 0:
+        return intervals
+    low, high = intervals[np.argsort(intervals[:, 0])].T
+    reach = np.maximum.accumulate(high)
+    gap = np.append(True, low[1:] > reach[:-1] + 1e-15)
+    return np.stack([low[gap], np.append(reach[:-1][gap[1:]], reach[-1])], axis=1)
+
+
+def specular_energy(system: TruthSystem, x0: float, x1: float, y0: float, y1: float, tolerance: float = 1e-11) -> float:
     """Fraction of PSF_G in the rectangle [mm]; the light of the specular image is exp(-sum g) times this.
 
-    ``panels`` in rho^2 are halved until each differs from its halves by less than its share of ``tolerance``. Against
-    the exact annulus and line: 1e-10 or better. A spot that collapses to a point on an edge counts half (a quarter at
-    a corner).
+    Panels in rho^2, where rings may land, are halved until each differs from its halves by less than its share of
+    ``tolerance``. Against the exact annulus and line: 1e-10 or better. A spot that collapses to a point on an edge
+    counts half (a quarter at a corner).
     """
     inner = system.obscuration**2
 
@@ -93,14 +136,17 @@ def specular_energy(
         p = low[:, None] + half[:, None] * (1.0 + _NODES)
         return half * (lit_fraction(system, np.sqrt(p).ravel(), x0, x1, y0, y1).reshape(p.shape) @ _WEIGHTS)
 
-    edges = np.linspace(inner, 1.0, panels + 1)
-    low, high = edges[:-1], edges[1:]
+    edges = [np.linspace(a * a, b * b, _PANELS + 1) for a, b in rings_that_may_land(system, x0, x1, y0, y1)]
+    if not edges:
+        return 0.0
+    low, high = (np.concatenate([e[part] for e in edges]) for part in (slice(None, -1), slice(1, None)))
+    share = tolerance * (1.0 - inner) / (2.0 * len(low))
     coarse = integrate(low, high)
     total = 0.0
     for _ in range(60):
         middle = 0.5 * (low + high)
         left, right = integrate(low, middle), integrate(middle, high)
-        poor = np.abs(left + right - coarse) > tolerance * (1.0 - inner) / (2.0 * panels)
+        poor = np.abs(left + right - coarse) > share
         total += float((left + right)[~poor].sum())
         if not poor.any():
             break
