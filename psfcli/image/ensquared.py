@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.blur import normal_probability
+from psfcli.image.boxes import unscattered_in_boxes
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.result import EnsquaredEnergy, Spot
 from psfcli.image.scatter import Halo
 from psfcli.image.squares import SquareResponse
-from psfcli.image.unscattered import unscattered_in_boxes
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]

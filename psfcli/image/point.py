@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from psfcli.image.cells import scattered_in_cells
 from psfcli.image.composite import CompositeImage, composite_image, narrow_error
 from psfcli.image.ensquared import ensquared_energy
 from psfcli.image.geometric import GeometricalImage, geometrical_image
 from psfcli.image.grid import Detector
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
-from psfcli.image.rectangle import Rectangles, scattered_in_rectangles
 from psfcli.image.result import EnsquaredEnergy, FieldImage
 from psfcli.image.scatter import Halo, scattered_light
 from psfcli.image.squares import SquareResponse, square_response
@@ -110,7 +110,7 @@ def _field_image(
         fine = image.light
         corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
         pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
-        pixel_error += _probed_error(image, point, scatter, detector, tolerance)
+        pixel_error += _probed_error(image, point, scatter, detector, tolerance) + image.unresolved
         if image.error > tolerance.ee:
             pixel_error += (image.error - tolerance.ee) / float(fine.max())
         n, m = detector.pixels, detector.oversample
@@ -144,13 +144,20 @@ def _probed_error(
     direction = np.array([(0, 1), (1, 1), (1, 0), (-1, 0), (-1, -1)])  # (y, x); more of what symmetry would repeat
     place = np.clip(n // 2 + step[:, None, None] * direction, 0, n - 1).reshape(-1, 2)
     y, x = np.unique(place, axis=0).T
-    edges_x, edges_y = detector.edges(0), detector.edges(1)
-    probes = Rectangles(edges_x[x], edges_x[x + 1], edges_y[y], edges_y[y + 1])
     asked = _finer(tolerance)
-    allowed = narrow_error(finer, asked, detector.sub_pixel, float(image.unscattered.max(initial=0.0)))
-    scattered = scattered_in_rectangles(point, finer, probes, asked, allowed)
-    truth = scattered + scatter.halo.unscattered_weight * image.unscattered_at(y, x)
-    allowance = np.where(image.touched(y, x), tolerance.ee, 0.0) if scatter.halo.unscattered_weight > 0.0 else 0.0
+    width, weight = detector.sub_pixel, scatter.halo.unscattered_weight
+    allowance = np.where(image.touched(y, x) & (weight > 0.0), tolerance.ee, 0.0)
+    scattered = scattered_in_cells(
+        point,
+        finer,
+        detector.edges(0)[x] + 0.5 * width,
+        detector.edges(1)[y] + 0.5 * width,
+        width,
+        asked,
+        narrow_error(finer, asked, width, float(image.unscattered.max(initial=0.0))),
+        allowance / _REFINEMENT,
+    )
+    truth = scattered + weight * image.unscattered_at(y, x)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.maximum(np.abs(image.light[y, x] - truth) - allowance, 0.0) / truth
     return float(np.max(error, where=truth > 0.0, initial=0.0))
