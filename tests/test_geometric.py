@@ -13,8 +13,9 @@ from truth.cases import SEIDEL
 from truth.geometry import counted_pixels, defocused_annulus, line_focus
 from truth.specular import specular_energy
 
+from psfcli.image.boxes import unscattered_in_boxes
 from psfcli.image.geometric import GeometricalImage, geometrical_image
-from psfcli.image.unscattered import unscattered_in_boxes, unscattered_on_grid
+from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Pupil, Telescope
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from psfcli.image.geometric import MAX_MOMENT, GeometricalImage
-from psfcli.image.quadrature import gauss_legendre
+from psfcli.image.quadrature import gauss_legendre, gauss_rule
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.tolerance import Tolerance
 
@@ -34,6 +34,7 @@ _HERMITE_MARGIN = (
 )
 _SHARE = 0.3  # of the tolerance, for all terms together
 _SMOOTH_CELL = 0.25  # cells narrower than this many widths: Gauss's rule instead of differences (relative error 2e-8)
+FEW_TERMS = 5
 _NODE, _NODE_WEIGHT = gauss_legendre(4)
 
 
@@ -76,6 +77,24 @@ def moments_to(image: GeometricalImage, order: int) -> Real:
 def ray_spacing(width: Real, error: Real) -> Real:
     """The ray spacing [mm], at most 4.4 widths, at which Gaussians of ``width`` [mm] err by ``error``, relative."""
     return width * math.pi * np.sqrt(2.0 / np.log(np.maximum(2.0 / error, math.e)))
+
+
+def ray_error(width: Real, spacing: Real) -> Real:
+    """The relative error of Gaussians of ``width`` summed over rays ``spacing`` apart; ray_spacing is its inverse."""
+    error: Real = 2.0 * np.exp(-2.0 * (math.pi * width / spacing) ** 2)
+    return error
+
+
+def fewer_terms(mixture: GaussianMixture) -> GaussianMixture:
+    """As few terms as do what all do to an edge far wider than they: Gauss's rule in the width, exact to its 9th power.
+
+    ``mixture`` by increasing variance, of positive weights.
+    """
+    if mixture.weight.size <= FEW_TERMS:
+        return mixture
+    width = np.sqrt(mixture.variance)
+    node, weight = gauss_rule(width / width[-1], mixture.weight, FEW_TERMS)
+    return GaussianMixture(weight, (node * width[-1]) ** 2)
 
 
 def shares(mixture: GaussianMixture, r: Real) -> Real:

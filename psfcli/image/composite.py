@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 
 from psfcli.image.blur import (
     TAIL,
+    fewer_terms,
     interval_integrals,
     moment_orders,
     moments_to,
     normal_probability,
+    ray_error,
     ray_spacing,
     shares,
 )
-from psfcli.image.geometric import GeometricalImage
+from psfcli.image.geometric import GeometricalImage, closest_spacing
 from psfcli.image.grid import Detector
 from psfcli.image.result import Spot
 from psfcli.image.scatter import Halo
@@ -34,6 +36,7 @@ Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _LEVEL = 2.6  # successive blocks of cells shrink by this factor
+_LOCAL = 0.125  # of a sub-pixel: Gaussians narrower than this do not reach the one after next
 _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
 
 
@@ -42,7 +45,8 @@ class CompositeImage:
     """``light`` in each sub-pixel as a fraction of all, shape (y, x).
 
     ``unscattered``, PSF_G in the sub-pixels of ``rows`` and ``columns``, and the estimated ``error`` of it in the worst
-    sub-pixel, as a fraction of all light.
+    sub-pixel, as a fraction of all light. ``unresolved``: the relative error of pixels from Gaussians so narrow that
+    the spot would take more rays than are taken.
     """
 
     light: Real
@@ -50,6 +54,7 @@ class CompositeImage:
     rows: slice
     columns: slice
     error: float
+    unresolved: float
 
     def unscattered_at(self, y: Index, x: Index) -> Real:
         """PSF_G in sub-pixels (y, x), shape of both."""
@@ -84,23 +89,29 @@ def composite_image(point: GeometricalImage, halo: Halo, detector: Detector, tol
             point, edges_x[columns.start : columns.stop + 1], edges_y[rows.start : rows.stop + 1], share
         )
     light = np.zeros((detector.sub_pixels, detector.sub_pixels))
+    unresolved = 0.0
     if mixture.weight.size:
         _add_by_moments(light, edges_x, edges_y, mixture, point, order, tolerance)
     if narrow.any():
         brightest = 9.0 * float(unscattered.max(initial=0.0)) * max(1, 4 * (detector.oversample - 1))
         brightest = min(max(brightest, _on_border(unscattered, rows, columns, detector.sub_pixels)), 1.0)
-        allowed = narrow_error(mixture, tolerance, detector.sub_pixel if weight > 0.0 else 0.0, brightest)
-        merged = narrow & (allowed >= 1.0)
-        weight += float(mixture.weight[merged].sum())
-        some = narrow & ~merged
-        for grid in spot_grids(
-            point,
-            GaussianMixture(mixture.weight[some], mixture.variance[some]),
-            ray_spacing(np.sqrt(mixture.variance[some]), allowed[some]),
-        ):
+        free = detector.sub_pixel if weight > 0.0 else 0.0
+        allowed = narrow_error(mixture, tolerance, free, brightest)
+        strict = narrow & (allowed < 1.0)
+        weight += float(mixture.weight[narrow & ~strict].sum())
+        # what is much narrower than a sub-pixel blurs its edges alone
+        local = strict & (mixture.variance < (_LOCAL * free) ** 2)
+        few, rest = fewer_terms(mixture.only(local)), mixture.only(strict & ~local)
+        blurring = GaussianMixture(np.append(few.weight, rest.weight), np.append(few.variance, rest.variance))
+        allowed = np.append(narrow_error(few, tolerance, math.inf, brightest), allowed[strict & ~local])
+        width = np.sqrt(blurring.variance)
+        spacing = np.maximum(ray_spacing(width, allowed), closest_spacing(point))
+        # a tenth of the tolerance is what each may err by
+        unresolved = 0.1 * tolerance.pixel * float(np.max(ray_error(width, spacing) / allowed - 1.0, initial=0.0))
+        for grid in spot_grids(point, blurring, spacing):
             _add_by_grid(light, edges_x, edges_y, grid)
     light[rows, columns] += weight * unscattered
-    return CompositeImage(light, unscattered, rows, columns, weight * error)
+    return CompositeImage(light, unscattered, rows, columns, weight * error, unresolved)
 
 
 def narrow_error(mixture: GaussianMixture, tolerance: Tolerance, nearest: float, brightest: float) -> Real:
@@ -110,6 +121,8 @@ def narrow_error(mixture: GaussianMixture, tolerance: Tolerance, nearest: float,
     the allowance is absolute; rays are ``nearest`` [mm] or farther from all other pixels, where it is relative to all
     the light that the mixture sends there.
     """
+    if mixture.weight.size == 0:
+        return np.zeros(0)
     r = np.append(nearest, nearest + np.sqrt(mixture.variance.min()) * np.geomspace(0.1, 1e3, 120))
     part = shares(mixture, r).max(axis=0)
     inside = 0.1 * tolerance.ee / (mixture.weight.size * np.abs(mixture.weight) * max(brightest, 1e-300))

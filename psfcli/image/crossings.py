@@ -48,25 +48,31 @@ def pieces_between(
     if origin is not None:
         fans_x[0] -= origin[0]
         fans_y[0] -= origin[1]
-    each = np.arange(azimuth.size)
     crossings = [
-        _crossings(_Branches.of(fans, inner), edges, np.zeros(azimuth.size))
+        _crossings(Branches.of(fans, inner), edges, np.zeros(azimuth.size))
         for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))
     ]
-    fan = [each, each, *(c.fan for c in crossings)]
-    rho = [np.full(azimuth.size, inner), np.ones(azimuth.size), *(c.rho for c in crossings)]
-    all_fan, all_rho = np.concatenate(fan), np.concatenate(rho)
-    order = np.lexsort((all_rho, all_fan))
-    all_fan, all_rho = all_fan[order], all_rho[order]
-    within = all_fan[1:] == all_fan[:-1]
-    start, stop, which = all_rho[:-1][within], all_rho[1:][within], all_fan[1:][within]
+    start, stop, which = stretches(
+        np.concatenate([c.fan for c in crossings]), np.concatenate([c.rho for c in crossings]), azimuth.size, inner
+    )
     middle = 0.5 * (start + stop)
     return Pieces(
         share=(stop - start) * (stop + start) / (1.0 - inner**2),
-        x=_cubic(fans_x[:, which], middle),
-        y=_cubic(fans_y[:, which], middle),
+        x=cubic(fans_x[:, which], middle),
+        y=cubic(fans_y[:, which], middle),
         fan=which,
     )
+
+
+def stretches(fan: Index, rho: Real, fans: int, inner: float) -> tuple[Real, Real, Index]:
+    """The radius of each of ``fans`` from ``inner`` to 1 cut at ``rho``: start, stop and fan of every stretch."""
+    each = np.arange(fans)
+    all_fan = np.concatenate([each, each, fan])
+    all_rho = np.concatenate([np.full(fans, inner), np.ones(fans), rho])
+    order = np.lexsort((all_rho, all_fan))
+    all_fan, all_rho = all_fan[order], all_rho[order]
+    within = all_fan[1:] == all_fan[:-1]
+    return all_rho[:-1][within], all_rho[1:][within], all_fan[1:][within]
 
 
 def light_in_squares(fans_x: Real, fans_y: Real, inner: float, half_width: Real) -> Real:
@@ -79,12 +85,12 @@ def light_in_squares(fans_x: Real, fans_y: Real, inner: float, half_width: Real)
     azimuths, boxes = fans_x.shape[1], half_width.size
     light = np.zeros(azimuths * boxes)
     edges = np.concatenate([-half_width[::-1], half_width])
-    branches_x, branches_y = _Branches.of(fans_x, inner), _Branches.of(fans_y, inner)
+    branches_x, branches_y = Branches.of(fans_x, inner), Branches.of(fans_y, inner)
     for branches, others in ((branches_x, branches_y), (branches_y, branches_x)):
         cut = _crossings(branches, edges, others.closest())
         upper = cut.edge >= boxes
         box = np.where(upper, cut.edge - boxes, boxes - 1 - cut.edge)
-        across = np.abs(_cubic(others.fans[:, cut.fan], cut.rho)) - half_width[box]
+        across = np.abs(cubic(others.fans[:, cut.fan], cut.rho)) - half_width[box]
         counted = np.where(np.abs(across) <= _ON_CORNER * half_width[box], 0.5, across < 0.0)
         outward = np.where(upper == cut.rising, 1.0, -1.0)
         light += np.bincount(cut.fan * boxes + box, outward * counted * cut.rho**2, light.size)
@@ -97,7 +103,7 @@ def light_in_squares(fans_x: Real, fans_y: Real, inner: float, half_width: Real)
 
 
 @dataclass(frozen=True, slots=True)
-class _Branches:
+class Branches:
     """Cubics ``fans`` (4, azimuths), their turning points between inner and 1 with both ends, and the values there.
 
     ``rho`` and ``value`` (4, azimuths): between one row and the next a cubic is monotone.
@@ -108,11 +114,11 @@ class _Branches:
     value: Real
 
     @classmethod
-    def of(cls, fans: Real, inner: float) -> _Branches:
+    def of(cls, fans: Real, inner: float) -> Branches:
         """The branches of ``fans`` from ``inner`` to 1."""
         turning = np.sort(_turning_points(fans, inner), axis=0)
         rho = np.concatenate([np.full((1, fans.shape[1]), inner), turning, np.ones((1, fans.shape[1]))])
-        return cls(fans, rho, _cubic(fans[:, None, :], rho))
+        return cls(fans, rho, cubic(fans[:, None, :], rho))
 
     def closest(self) -> Real:
         """The distance from zero that each cubic keeps, shape (azimuths,)."""
@@ -130,7 +136,7 @@ class _Crossings:
     rising: NDArray[np.bool_]
 
 
-def _crossings(branches: _Branches, edges: Real, beyond: Real) -> _Crossings:
+def _crossings(branches: Branches, edges: Real, beyond: Real) -> _Crossings:
     """Every crossing of the fans with the increasing ``edges`` that lie farther from zero than ``beyond``, per fan.
 
     A branch meets each edge in its range once.
@@ -147,11 +153,12 @@ def _crossings(branches: _Branches, edges: Real, beyond: Real) -> _Crossings:
         branch, edge, fan = branch[some], edge[some], fan[some]
     cubics = branches.fans[:, fan]
     cubics[0] -= edges[edge]
-    rho = _root_between(cubics, branches.rho[:-1].ravel()[branch], branches.rho[1:].ravel()[branch])
+    rho = root_between(cubics, branches.rho[:-1].ravel()[branch], branches.rho[1:].ravel()[branch])
     return _Crossings(rho, fan, edge, (after > before).ravel()[branch])
 
 
-def _cubic(coefficients: Real, rho: Real) -> Real:
+def cubic(coefficients: Real, rho: Real) -> Real:
+    """The cubics ``coefficients`` (4, n), of rising power, at ``rho``; shape of both."""
     a0, a1, a2, a3 = coefficients
     value: Real = ((a3 * rho + a2) * rho + a1) * rho + a0
     return value
@@ -166,19 +173,19 @@ def _turning_points(fans: Real, inner: float) -> Real:
         return np.where((roots > inner) & (roots < 1.0), roots, 1.0)
 
 
-def _root_between(cubics: Real, start: Real, stop: Real) -> Real:
+def root_between(cubics: Real, start: Real, stop: Real) -> Real:
     """The root of each of the ``cubics`` (4, n) within (start, stop), where it has one.
 
     A few of Laguerre's steps from the chord; what still moves then goes on in a bracket. Good to rounding; at a root
     about to become double that is the square root of rounding, in rho.
     """
-    at_start, at_stop = _cubic(cubics, start), _cubic(cubics, stop)
+    at_start, at_stop = cubic(cubics, start), cubic(cubics, stop)
     with np.errstate(divide="ignore", invalid="ignore"):
         fraction = at_start / (at_start - at_stop)
     root = start + (stop - start) * fraction
     for _ in range(_FREE_STEPS):
         root = np.minimum(np.maximum(_laguerre(cubics, root)[0], start), stop)
-    unsolved = np.flatnonzero(~(np.abs(_cubic(cubics, root)) <= _noise(cubics)))
+    unsolved = np.flatnonzero(~(np.abs(cubic(cubics, root)) <= _noise(cubics)))
     if unsolved.size:
         rising = (at_stop > at_start)[unsolved]
         root[unsolved] = _bracketed_root(cubics[:, unsolved], root[unsolved], start[unsolved], stop[unsolved], rising)

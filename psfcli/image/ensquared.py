@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.blur import normal_probability
+from psfcli.image.boxes import unscattered_in_boxes
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.result import EnsquaredEnergy, Spot
 from psfcli.image.scatter import Halo
 from psfcli.image.squares import SquareResponse
-from psfcli.image.unscattered import unscattered_in_boxes
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
@@ -39,10 +39,10 @@ def box_centres(spot: Spot) -> tuple[tuple[float, float], ...]:
 
 def ensquared_energy(
     points: Sequence[GeometricalImage], halo: Halo, squares: SquareResponse, tolerance: Tolerance
-) -> Iterator[tuple[EnsquaredEnergy, Real, float]]:
+) -> Iterator[tuple[EnsquaredEnergy, dict[tuple[float, float], Real], float]]:
     """Energies in the ``squares``, of the ``halo``'s mixture, about each of the ``box_centres``, for each point.
 
-    Within ``tolerance.ee``. With each come the scattered light about the Gaussian image point, shape [box], and the
+    Within ``tolerance.ee``. With each come the scattered light about each distinct centre, shape [box], and the
     estimated error of the unscattered light in any box; both as fractions of all light.
     """
     distinct = [list(dict.fromkeys(box_centres(point.spot))) for point in points]
@@ -57,5 +57,5 @@ def ensquared_energy(
         # a box that holds all may come out above 1 by the error allowed
         energy = dict(zip(some, np.minimum(scattered + weight * inside, 1.0), strict=True))
         ee, chief, centroid = (energy[centre] for centre in box_centres(point.spot))
-        at_origin = scattered[some.index((0.0, 0.0))]
-        yield EnsquaredEnergy(half_width, ee, chief, centroid, unaberrated), at_origin, weight * error
+        about = dict(zip(some, scattered, strict=True))
+        yield EnsquaredEnergy(half_width, ee, chief, centroid, unaberrated), about, weight * error

@@ -17,7 +17,7 @@ from psfcli.telescope.system import Field, Telescope
 Real = NDArray[np.float64]
 
 MAX_MOMENT = 14
-MOST_RAYS = 1_000_000
+MOST_RAYS = 4_000_000
 _RAYS_AT_ONCE = 4096
 _EXACT_RADII, _EXACT_AZIMUTHS = 12, 16  # integrates every second moment of cubic rays exactly
 _EXTENT_AZIMUTHS = 256
@@ -158,9 +158,7 @@ def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -
     Never more than MOST_RAYS: a core ten thousand times narrower than the spot is not resolved, and the error reached
     says so.
     """
-    start, stop = image.telescope.pupil.sector
-    radii = 4 + 1.2 * image.radial_length / spacing
-    azimuths = 6 + (stop - start) * image.azimuthal_length / spacing
+    radii, azimuths = (fewest + more / spacing for fewest, more in _ray_numbers(image))
     thinning = math.sqrt(max(1.0, radii * azimuths / MOST_RAYS))
     return ray_bundle(
         image.telescope,
@@ -169,6 +167,25 @@ def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -
         2 * math.ceil(0.5 * azimuths / thinning),
         half=half,
     )
+
+
+def ray_count(image: GeometricalImage, spacing: Real) -> Real:
+    """How many rays lie ``spacing`` [mm] apart; shape of ``spacing``."""
+    (radii, radial), (azimuths, azimuthal) = _ray_numbers(image)
+    return (radii + radial / spacing) * (azimuths + azimuthal / spacing)
+
+
+def closest_spacing(image: GeometricalImage) -> float:
+    """The spacing [mm] at which there are MOST_RAYS: that of the quadratic for 1/spacing."""
+    (radii, radial), (azimuths, azimuthal) = _ray_numbers(image)
+    linear, more = radii * azimuthal + azimuths * radial, MOST_RAYS - radii * azimuths
+    return 0.5 * (linear + math.sqrt(linear**2 + 4.0 * radial * azimuthal * more)) / more
+
+
+def _ray_numbers(image: GeometricalImage) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Radii and azimuths of a bundle: each a number and what is to be added to it over the spacing [mm]."""
+    start, stop = image.telescope.pupil.sector
+    return (4.0, 1.2 * image.radial_length), (6.0, (stop - start) * image.azimuthal_length)
 
 
 def tiles(rays: RayBundle, size: float) -> Iterator[RayBundle]:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.geometric import GeometricalImage, rays_apart
+from psfcli.image.geometric import GeometricalImage
+from psfcli.image.graded import graded_rays
 from psfcli.image.grid import Detector
 from psfcli.image.quadrature import gauss_legendre
 from psfcli.image.scatter import Halo, scatter_terms
@@ -27,9 +28,10 @@ Real = NDArray[np.float64]
 _POINTS = 1024, 4096  # of the table: good to 1e-7 and 1e-9 of all light
 _COARSE_ENOUGH = 1e-6  # energies asked no finer than this take the smaller table
 _DECADES_BELOW, _DECADES_ABOVE = 7.0, 9.0  # of q about the knees: the transform's period in the logarithm
-_CORNER_NODES = 48
+_CORNER_NODES, _FEW_NODES = 48, 16  # for corners however far along an edge, and within _SHORT
+_SHORT = 3.0  # of asinh(far/near)
 _RAYS_AT_ONCE = 512
-_FARTHEST_RAY_SHARE = 0.25  # ray spacing as a share of the distance to the nearest edge
+_FARTHEST_RAY_SHARE = 0.3  # ray spacing as a share of the distance to the nearest edge
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +139,14 @@ def _scattered_inside(
     Y], averaged over rays through the pupil: as close as the narrowest core where an edge is near the spot.
     """
     x_start, x_stop, y_start, y_stop = window
-    spot = point.spot
-    clearance = min(spot.x_min - x_start, x_stop - spot.x_max, spot.y_min - y_start, y_stop - spot.y_max)
-    spacing = max(core_width, _FARTHEST_RAY_SHARE * clearance)
-    rays = rays_apart(point, spacing)
+    half_x, half_y = 0.5 * (x_stop - x_start), 0.5 * (y_stop - y_start)
+
+    def spacing(x: Real, y: Real) -> Real:
+        """The narrowest core at the window's edge; far from it, a share of the distance."""
+        from_edge = np.abs(np.maximum(np.abs(x - x_start - half_x) - half_x, np.abs(y - y_start - half_y) - half_y))
+        return np.maximum(core_width, _FARTHEST_RAY_SHARE * from_edge)
+
+    rays = graded_rays(point, spacing)
     inside = 0.0
     for first in range(0, rays.x.size, _RAYS_AT_ONCE):
         part = slice(first, first + _RAYS_AT_ONCE)
@@ -157,14 +163,14 @@ def _scattered_inside(
 
 def _corner(encircled: EncircledEnergy, x: Real, y: Real) -> Real:
     """I(X, Y), the energy in the rectangle from the origin to (X, Y), odd in both; shape of ``x``."""
-    node, weight = gauss_legendre(_CORNER_NODES)
     X, Y = np.abs(x), np.abs(y)
-    total = np.zeros_like(x)
-    for near, far in ((X, Y), (Y, X)):
-        # t = asinh-like substitution R = near cosh(s): dt = ds/cosh(s) stays smooth however long the rectangle
-        with np.errstate(divide="ignore", invalid="ignore"):
-            longest = np.arcsinh(np.where(near > 0.0, far / near, 0.0))
-        s = 0.5 * longest[:, None] * (node + 1.0)
-        energy = encircled.within(near[:, None] * np.cosh(s)) / np.cosh(s)
-        total += 0.5 * longest * (energy @ weight)
-    return np.sign(x) * np.sign(y) * total / (2.0 * math.pi)
+    near, far = np.concatenate([X, Y]), np.concatenate([Y, X])
+    # t = asinh-like substitution R = near cosh(s): dt = ds/cosh(s) stays smooth however long the rectangle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        longest = np.arcsinh(np.where(near > 0.0, far / near, 0.0))
+    total = np.empty_like(near)
+    for some, count in ((longest < _SHORT, _FEW_NODES), (longest >= _SHORT, _CORNER_NODES)):
+        node, weight = gauss_legendre(count)
+        cosh = np.cosh(0.5 * longest[some, None] * (node + 1.0))
+        total[some] = 0.5 * longest[some] * ((encircled.within(near[some, None] * cosh) / cosh) @ weight)
+    return np.sign(x) * np.sign(y) * total.reshape(2, -1).sum(axis=0) / (2.0 * math.pi)

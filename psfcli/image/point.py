@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from psfcli.image.cells import scattered_in_cells
 from psfcli.image.composite import CompositeImage, composite_image, narrow_error
-from psfcli.image.ensquared import ensquared_energy
+from psfcli.image.ensquared import ensquared_energy, unaberrated_energy
 from psfcli.image.geometric import GeometricalImage, geometrical_image
 from psfcli.image.grid import Detector
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
-from psfcli.image.rectangle import Rectangles, scattered_in_rectangles
 from psfcli.image.result import EnsquaredEnergy, FieldImage
 from psfcli.image.scatter import Halo, scattered_light
 from psfcli.image.squares import SquareResponse, square_response
@@ -26,6 +26,7 @@ Real = NDArray[np.float64]
 
 _REFINEMENT = 10.0  # the estimate comes from a second calculation asked to be this much finer
 _PROBE_STEPS = 6
+_RADII = 240
 _JUDGED_BOXES = 10
 
 
@@ -34,7 +35,8 @@ class WavelengthScatter:
     """The scattered light at one wavelength: as used, ``finer`` to judge it by, and its energy by another road.
 
     ``squares`` are the boxes of the ensquared energy, ``judged`` the places of some of them and ``judge`` the finer
-    light in these.
+    light in these. ``energy_error`` is the largest difference between the two in any box without aberrations, as a
+    fraction of all light; ``density_error`` the largest between their densities, relative, at any distance.
     """
 
     halo: Halo
@@ -42,6 +44,8 @@ class WavelengthScatter:
     squares: SquareResponse
     judged: slice
     judge: SquareResponse
+    energy_error: float
+    density_error: float
     encircled: EncircledEnergy | None
 
 
@@ -61,12 +65,15 @@ def wavelength_scatter(
     finer = scattered_light(surfaces, telescope, wavelength, reach, _finer(tolerance))
     rough = halo.mixture.weight.size > 0
     judged = slice(0, None, max(1, half_width.size // _JUDGED_BOXES))
+    difference = np.abs(unaberrated_energy(halo, half_width) - unaberrated_energy(finer, half_width))
     return WavelengthScatter(
         halo=halo,
         finer=finer,
         squares=square_response(halo.mixture, half_width),
         judged=judged,
         judge=square_response(finer.mixture, half_width[judged]),
+        energy_error=float(difference.max()) if rough else 0.0,
+        density_error=_density_error(halo, finer, reach) if rough else 0.0,
         encircled=encircled_energy(surfaces, telescope, wavelength, tolerance) if rough else None,
     )
 
@@ -84,8 +91,10 @@ def field_images(
     points = [geometrical_image(telescope, field) for field in fields]
     energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance)
     for point, (ensquared, scattered, error) in zip(points, energies, strict=True):
-        truth = scatter.judge.energy(point, [(0.0, 0.0)], tolerance.ee / _REFINEMENT)[0]
-        error += float(np.max(np.abs(scattered[scatter.judged] - truth), initial=0.0))
+        centres = list(scattered)
+        truth = scatter.judge.energy(point, centres, tolerance.ee / _REFINEMENT)
+        used = np.array([scattered[centre][scatter.judged] for centre in centres])
+        error += max(float(np.max(np.abs(used - truth), initial=0.0)), scatter.energy_error)
         yield _field_image(point, ensquared, error, scatter, detector, tolerance, with_cube=with_cube)
 
 
@@ -110,7 +119,8 @@ def _field_image(
         fine = image.light
         corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
         pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
-        pixel_error += _probed_error(image, point, scatter, detector, tolerance)
+        pixel_error += scatter.density_error + _probed_error(image, point, scatter, detector, tolerance)
+        pixel_error += image.unresolved
         if image.error > tolerance.ee:
             pixel_error += (image.error - tolerance.ee) / float(fine.max())
         n, m = detector.pixels, detector.oversample
@@ -128,6 +138,15 @@ def _field_image(
     )
 
 
+def _density_error(halo: Halo, finer: Halo, reach: float) -> float:
+    """The largest relative difference of the two densities from the core to ``reach`` [mm]: no blur makes it larger."""
+    core = math.sqrt(float(finer.mixture.variance.min()))
+    r = np.append(0.0, np.geomspace(min(0.1 * core, reach), reach, _RADII))
+    truth = finer.mixture.density(r)
+    lit = truth > 0.0
+    return float(np.max(np.abs(halo.mixture.density(r)[lit] / truth[lit] - 1.0), initial=0.0))
+
+
 def _finer(tolerance: Tolerance) -> Tolerance:
     return Tolerance(tolerance.pixel / _REFINEMENT, tolerance.ee / _REFINEMENT)
 
@@ -135,22 +154,29 @@ def _finer(tolerance: Tolerance) -> Tolerance:
 def _probed_error(
     image: CompositeImage, point: GeometricalImage, scatter: WavelengthScatter, detector: Detector, tolerance: Tolerance
 ) -> float:
-    """Largest relative error, beyond the allowance, at probe sub-pixels ever farther out along axes and diagonals."""
-    finer = scatter.finer.mixture
-    if finer.weight.size == 0:
+    """Largest relative error of the blur, beyond the allowance, at sub-pixels ever farther out: axes and diagonals."""
+    mixture = scatter.halo.mixture
+    if mixture.weight.size == 0:
         return 0.0
     n = detector.sub_pixels
-    step = np.unique(np.geomspace(1.0, max(n // 2, 1), _PROBE_STEPS).astype(np.intp)) - 1
+    step = np.unique(np.geomspace(1.0, n // 2 + 1, _PROBE_STEPS).astype(np.intp)) - 1
     direction = np.array([(0, 1), (1, 1), (1, 0), (-1, 0), (-1, -1)])  # (y, x); more of what symmetry would repeat
     place = np.clip(n // 2 + step[:, None, None] * direction, 0, n - 1).reshape(-1, 2)
     y, x = np.unique(place, axis=0).T
-    edges_x, edges_y = detector.edges(0), detector.edges(1)
-    probes = Rectangles(edges_x[x], edges_x[x + 1], edges_y[y], edges_y[y + 1])
     asked = _finer(tolerance)
-    allowed = narrow_error(finer, asked, detector.sub_pixel, float(image.unscattered.max(initial=0.0)))
-    scattered = scattered_in_rectangles(point, finer, probes, asked, allowed)
-    truth = scattered + scatter.halo.unscattered_weight * image.unscattered_at(y, x)
-    allowance = np.where(image.touched(y, x), tolerance.ee, 0.0) if scatter.halo.unscattered_weight > 0.0 else 0.0
+    width, weight = detector.sub_pixel, scatter.halo.unscattered_weight
+    allowance = np.where(image.touched(y, x) & (weight > 0.0), tolerance.ee, 0.0)
+    scattered = scattered_in_cells(
+        point,
+        mixture,
+        detector.edges(0)[x] + 0.5 * width,
+        detector.edges(1)[y] + 0.5 * width,
+        width,
+        asked,
+        narrow_error(mixture, asked, width, float(image.unscattered.max(initial=0.0))),
+        allowance / _REFINEMENT,
+    )
+    truth = scattered + weight * image.unscattered_at(y, x)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.maximum(np.abs(image.light[y, x] - truth) - allowance, 0.0) / truth
     return float(np.max(error, where=truth > 0.0, initial=0.0))

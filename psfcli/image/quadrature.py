@@ -34,6 +34,23 @@ def gauss_panels(count: int) -> tuple[Real, Real]:
     return (start + (node + 1.0) / panels).ravel(), np.tile(weight / panels, panels)
 
 
+def gauss_rule(x: Real, mass: Real, count: int) -> tuple[Real, Real]:
+    """Nodes and masses of the ``count``-point Gauss rule of the discrete measure ``mass`` at ``x`` (Stieltjes)."""
+    alpha, beta = np.empty(count), np.empty(count)
+    previous, current = np.zeros_like(x), np.ones_like(x)
+    norm = mass.sum()
+    total = norm
+    for k in range(count):
+        alpha[k] = np.sum(mass * x * current**2) / norm
+        following = (x - alpha[k]) * current - (beta[k - 1] if k else 0.0) * previous
+        following_norm = np.sum(mass * following**2)
+        beta[k] = following_norm / norm
+        previous, current, norm = current, following, following_norm
+    jacobi = np.diag(alpha) + np.diag(np.sqrt(beta[:-1]), 1) + np.diag(np.sqrt(beta[:-1]), -1)
+    nodes, vectors = np.linalg.eigh(jacobi)
+    return nodes, total * vectors[0] ** 2
+
+
 @dataclass(frozen=True, slots=True)
 class Rule:
     """A quadrature rule for several groups of functions: ``node``, ``weight`` and ``group`` of one shape; the

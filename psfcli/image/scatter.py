@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.horizon import horizon_loss
+from psfcli.image.quadrature import gauss_rule
 from psfcli.image.result import SurfaceScatter
 from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_variance, total_integrated_scatter
 from psfcli.surface.mixture import GaussianMixture, ScatterTerm, mixing_density, trapezoid_step
@@ -150,25 +151,8 @@ def _merge_wide_terms(mixture: GaussianMixture, reach: float) -> GaussianMixture
         return mixture
     y = 1.0 / mixture.variance[wide]
     scale = y.max()
-    nodes, masses = _gauss_rule(y / scale, mixture.weight[wide] * y, 3)
+    nodes, masses = gauss_rule(y / scale, mixture.weight[wide] * y, 3)
     return GaussianMixture(
         np.append(mixture.weight[~wide], masses / (nodes * scale)),
         np.append(mixture.variance[~wide], 1.0 / (nodes * scale)),
     )
-
-
-def _gauss_rule(x: Real, mass: Real, count: int) -> tuple[Real, Real]:
-    """Nodes and masses of the ``count``-point Gauss rule of the discrete measure ``mass`` at ``x`` (Stieltjes)."""
-    alpha, beta = np.empty(count), np.empty(count)
-    previous, current = np.zeros_like(x), np.ones_like(x)
-    norm = mass.sum()
-    total = norm
-    for k in range(count):
-        alpha[k] = np.sum(mass * x * current**2) / norm
-        following = (x - alpha[k]) * current - (beta[k - 1] if k else 0.0) * previous
-        following_norm = np.sum(mass * following**2)
-        beta[k] = following_norm / norm
-        previous, current, norm = current, following, following_norm
-    jacobi = np.diag(alpha) + np.diag(np.sqrt(beta[:-1]), 1) + np.diag(np.sqrt(beta[:-1]), -1)
-    nodes, vectors = np.linalg.eigh(jacobi)
-    return nodes, total * vectors[0] ** 2

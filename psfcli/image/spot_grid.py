@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blur import TAIL
 from psfcli.image.geometric import GeometricalImage, rays_apart, tiles
 from psfcli.surface.mixture import GaussianMixture
 
@@ -22,7 +21,8 @@ Real = NDArray[np.float64]
 
 _LIKE = 8.0  # widths that share a grid differ by less than this factor
 _TAU2 = 0.75  # tau^2 over s^2 of the narrowest Gaussian
-_TILE = 16.0  # widths: rays are laid down by tiles of this size
+_TAIL = 6.5  # tau: rays are laid no farther; 1e-10 of a Gaussian lies beyond
+_TILE = 12.0  # widths: rays are laid down by tiles of this size
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,7 @@ def spot_grids(point: GeometricalImage, mixture: GaussianMixture, spacing: Real)
     octave = np.floor(0.5 * np.log(mixture.variance / mixture.variance.min(initial=math.inf)) / math.log(_LIKE))
     for this in np.unique(octave):
         some = octave == this
-        members = GaussianMixture(mixture.weight[some], mixture.variance[some])
-        yield _spot_grid(point, members, spacing[some])
+        yield _spot_grid(point, mixture.only(some), spacing[some])
 
 
 def _spot_grid(point: GeometricalImage, mixture: GaussianMixture, spacing: Real) -> SpotGrid:
@@ -57,10 +56,10 @@ def _spot_grid(point: GeometricalImage, mixture: GaussianMixture, spacing: Real)
     step = float(np.min(spacing * np.sqrt(tau2 * (mixture.variance - tau2)) / mixture.variance))
     half = point.mirror_symmetric
     rays = rays_apart(point, float(spacing.min()), half=half)
-    x, y = _nodes(rays.x, TAIL * tau, step, symmetric=half), _nodes(rays.y, TAIL * tau, step, symmetric=False)
+    x, y = _nodes(rays.x, _TAIL * tau, step, symmetric=half), _nodes(rays.y, _TAIL * tau, step, symmetric=False)
     mass = np.zeros((y.size, x.size))
     for part in tiles(rays, _TILE * math.sqrt(variance)):
-        rows, columns = _near(y, part.y, TAIL * tau), _near(x, part.x, TAIL * tau)
+        rows, columns = _near(y, part.y, _TAIL * tau), _near(x, part.x, _TAIL * tau)
         in_y = np.exp(-0.5 * ((y[rows, None] - part.y) / tau) ** 2)
         in_x = np.exp(-0.5 * ((x[columns, None] - part.x) / tau) ** 2)
         mass[rows, columns] += (in_y * part.share) @ in_x.T

@@ -5,7 +5,7 @@ A square about c sees the Gaussian N(s^2) of a ray that lands at c + (dx, dy) as
     sum_ab dx^a dy^b/(a! b!) I_a(w; s) I_b(w; s),   I_a = Int_-w^w (-d/dx)^a N(x; s^2) dx,
 
 a and b even by symmetry. The sums of I_a I_b over the wide Gaussians know nothing of the field: a field adds the
-moments of its spot about each centre. Gaussians too narrow for that come from the spot on a grid.
+moments of its spot about each centre. Gaussians too narrow for that come from rays (narrow.py).
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blur import TAIL, interval_integrals, normal_probability, ray_spacing
+from psfcli.image.blur import interval_integrals
 from psfcli.image.geometric import MAX_MOMENT, GeometricalImage
-from psfcli.image.spot_grid import SpotGrid, spot_grids
+from psfcli.image.narrow import narrow_in_squares
 from psfcli.surface.mixture import GaussianMixture
 
 Real = NDArray[np.float64]
@@ -58,10 +58,10 @@ class SquareResponse:
         energy: Real = paired @ self.response[first]
         if first:
             narrow = GaussianMixture(self.mixture.weight[:first], self.mixture.variance[:first])
-            error = _SHARE * tolerance / first
-            spacing = ray_spacing(np.sqrt(narrow.variance), error / np.abs(narrow.weight))
-            for grid in spot_grids(point, narrow, spacing):
-                energy += _by_grid(grid, centres, self.half_width)
+            error = _SHARE * tolerance / (first * np.abs(narrow.weight))
+            energy += narrow_in_squares(
+                point, narrow, centres, self.half_width, error, np.full(len(centres), _SHARE * tolerance)
+            )
         return energy
 
 
@@ -95,22 +95,3 @@ def _last_order(moments: Real) -> float:
     """A bound of the terms of order MAX_MOMENT for unit width and weight."""
     a = np.arange(0, MAX_MOMENT + 1, 2)
     return float(np.sum(moments[a, MAX_MOMENT - a] * _LARGEST[a] * _LARGEST[MAX_MOMENT - a]))
-
-
-def _by_grid(grid: SpotGrid, centres: Sequence[tuple[float, float]], half_width: Real) -> Real:
-    """The light of the grid's mixture in each square, shape [centre, box]; squares beyond it hold all."""
-    energy = np.full((len(centres), half_width.size), grid.mixture.weight.sum() * grid.mass.sum())
-    margin = TAIL * math.sqrt(float(grid.mixture.variance.max()))
-    x, y = np.array(centres).T
-    reach_x = np.maximum(grid.x[-1] - x, x - grid.x[0])
-    reach_y = np.maximum(grid.y[-1] - y, y - grid.y[0])
-    some = int(np.searchsorted(half_width, float(np.maximum(reach_x, reach_y).max()) + margin))
-    w = half_width[:some, None]
-    energy[:, :some] = 0.0
-    for weight, variance in zip(grid.mixture.weight, grid.mixture.variance - grid.tau2, strict=True):
-        width = math.sqrt(variance)
-        in_x = {c: normal_probability((c - w - grid.x) / width, (c + w - grid.x) / width) for c in set(x.tolist())}
-        for n, (cx, cy) in enumerate(centres):
-            in_y = normal_probability((cy - w - grid.y) / width, (cy + w - grid.y) / width)
-            energy[n, :some] += weight * np.sum((in_y @ grid.mass) * in_x[cx], axis=1)
-    return energy

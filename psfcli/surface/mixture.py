@@ -61,6 +61,10 @@ class GaussianMixture:
     weight: Real
     variance: Real
 
+    def only(self, some: NDArray[np.bool_]) -> GaussianMixture:
+        """The terms that ``some`` marks."""
+        return GaussianMixture(self.weight[some], self.variance[some])
+
     def density(self, r: Real) -> Real:
         """The density [1/mm^2] at distances ``r`` [mm], shape of r."""
         x = np.asarray(r, dtype=np.float64)[..., None] ** 2 / (2.0 * self.variance)

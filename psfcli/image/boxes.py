@@ -1,0 +1,191 @@
+"""The light of the geometrical image in nested squares about points of the image, sharp or blurred a little [mm].
+
+Exact in pupil radius (crossings.py, blurred.py). In azimuth the light of a square is smooth but for kinks, where a fan
+begins to meet a corner, the rim or a fold, so slices are halved where they matter (quadrature.py).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psfcli.image.blurred import EDGE, STRICT_EDGE, blurred_light_in_squares
+from psfcli.image.crossings import light_in_squares
+from psfcli.image.geometric import GeometricalImage, along_fans
+from psfcli.image.quadrature import integrate_adaptively
+from psfcli.image.unscattered import lit_azimuths, slice_count
+from psfcli.surface.mixture import GaussianMixture
+from psfcli.telescope.aberration import transverse_aberration_along_azimuths
+
+Real = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_MOST_FIRST_SLICES = 10_000
+_BOXES_TOGETHER = 24
+
+
+def unscattered_in_boxes(
+    points: Sequence[GeometricalImage],
+    centres: Sequence[Sequence[tuple[float, float]]],
+    half_width: Real,
+    tolerance: float,
+) -> list[tuple[Real, float]]:
+    """Fractions of the unscattered light in squares of increasing ``half_width`` [mm] about the ``centres`` of each of
+
+    the ``points``, shape [centre, box], and their estimated error. All points are of one telescope: they are
+    integrated together, which costs less than one by one.
+    """
+    count = sum(len(some) for some in centres)
+    return _over_azimuths(points, centres, half_width, np.full(count, tolerance), light_in_squares)
+
+
+def blurred_in_boxes(
+    point: GeometricalImage,
+    centres: Sequence[tuple[float, float]],
+    half_width: Real,
+    tolerance: Real,
+    mixture: GaussianMixture,
+) -> Real:
+    """The light of a ``mixture`` of Gaussians far narrower than the spot in the same squares: shape [centre, box].
+
+    Within ``tolerance`` (centre,), of all light.
+    """
+    widths, whole = np.sqrt(mixture.variance), float(mixture.weight.sum())
+    edge = STRICT_EDGE if np.any(tolerance < 1e-6 * whole) else EDGE
+
+    def light(fans_x: Real, fans_y: Real, inner: float, half_width: Real) -> Real:
+        total = np.zeros((fans_x.shape[1], half_width.size))
+        for weight, width in zip(mixture.weight, widths, strict=True):
+            total += weight * blurred_light_in_squares(fans_x, fans_y, inner, half_width, float(width), edge)
+        return total
+
+    margin = edge.widths * float(widths.max())
+    ((inside, _),) = _over_azimuths([point], [centres], half_width, tolerance, light, margin, whole)
+    return inside
+
+
+def _over_azimuths(
+    points: Sequence[GeometricalImage],
+    centres: Sequence[Sequence[tuple[float, float]]],
+    half_width: Real,
+    tolerance: Real,
+    light: Callable[[Real, Real, float, Real], Real],
+    margin: float = 0.0,
+    whole: float = 1.0,
+) -> list[tuple[Real, float]]:
+    """The mean over lit azimuths of the ``light`` of fans (x, y, inner, half_width) -> (azimuths, boxes).
+
+    Within ``tolerance`` for each centre of each point.
+    Squares that reach ``margin`` [mm] beyond the spot hold the ``whole``.
+    """
+    about = [_About.of(point, centre) for point, some in zip(points, centres, strict=True) for centre in some]
+    some = int(np.searchsorted(half_width, max(each.farthest for each in about) + margin))
+    inside = np.full((len(about), half_width.size), whole)
+    error = np.zeros(len(about))
+    if some:
+        place = np.array([each.centre for each in about])
+        relative_field = np.array([each.relative_field for each in about])
+        start, stop = np.array([each.azimuths for each in about]).T
+        telescope = points[0].telescope
+        inner = telescope.pupil.obscuration
+
+        def fans(azimuth: Real, group: Index) -> tuple[Real, Real]:
+            """The fans of each group along ``azimuth``, counted from the group's centre."""
+            fans_x, fans_y = transverse_aberration_along_azimuths(
+                telescope.seidel, tuple(relative_field[group].T), azimuth, telescope.image_slope
+            )
+            fans_x[0] -= place[group, 0]
+            fans_y[0] -= place[group, 1]
+            return fans_x, fans_y
+
+        left, right, group = _slices_about(fans, inner, start, stop, tolerance / whole)
+        for first in range(0, some, _BOXES_TOGETHER):  # boxes share fans, and each brings its kinks to the others
+            boxes = slice(first, min(first + _BOXES_TOGETHER, some))
+            rule = integrate_adaptively(
+                functools.partial(_light_along, light, fans, inner, half_width[boxes]),
+                left,
+                right,
+                group,
+                tolerance * (stop - start),
+            )
+            inside[:, boxes] = np.minimum(rule.integral / (stop - start)[:, None], whole)
+            error = np.maximum(error, rule.error / (stop - start))
+    ends = np.cumsum([len(some) for some in centres])
+    return [
+        (rows, float(errors.max()))
+        for rows, errors in zip(np.split(inside, ends[:-1]), np.split(error, ends[:-1]), strict=True)
+    ]
+
+
+def _light_along(
+    light: Callable[[Real, Real, float, Real], Real],
+    fans: Callable[[Real, Index], tuple[Real, Real]],
+    inner: float,
+    half_width: Real,
+    azimuth: Real,
+    group: Index,
+) -> Real:
+    return light(*fans(azimuth, group), inner, half_width)
+
+
+@dataclass(frozen=True, slots=True)
+class _About:
+    """Boxes about one ``centre`` [mm] of one image: lit ``azimuths``, and a half width that holds the whole spot."""
+
+    centre: tuple[float, float]
+    relative_field: tuple[float, float]
+    azimuths: tuple[float, float]
+    farthest: float
+
+    @classmethod
+    def of(cls, point: GeometricalImage, centre: tuple[float, float]) -> _About:
+        """The boxes about ``centre`` of ``point``."""
+        spot, (x, y) = point.spot, centre
+        return cls(
+            centre,
+            point.telescope.relative_field(point.field),
+            lit_azimuths(point, half=point.mirror_symmetric and x == 0.0),
+            1.01 * max(spot.x_max - x, x - spot.x_min, spot.y_max - y, y - spot.y_min),
+        )
+
+
+def _slices_about(
+    fans: Callable[[Real, Index], tuple[Real, Real]], inner: float, start: Real, stop: Real, tolerance: Real
+) -> tuple[Real, Real, Index]:
+    """First slices (left, right, group) for boxes about the origin of each group, where they shrink to nothing.
+
+    Slices whose fans pass at a distance d are no wider there than d, down to boxes that hold less than the tolerance.
+    """
+    counts = [slice_count(a, b, t) for a, b, t in zip(start, stop, tolerance, strict=True)]
+    bound = np.concatenate([np.linspace(a, b, n + 1) for a, b, n in zip(start, stop, counts, strict=True)])
+    group = np.repeat(np.arange(start.size), np.array(counts) + 1)
+    rho = np.linspace(inner, 1.0, 33)
+    while True:
+        fans_x, fans_y = fans(bound, group)
+        x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
+        distance = _length(x, y)
+        hop = _length(x[1:] - x[:-1], y[1:] - y[:-1])
+        # the fan may come closer between two of its points, by half the way from one to the next
+        closest = distance.copy()
+        closest[:-1] -= 0.5 * hop
+        np.minimum(closest[1:], distance[1:] - 0.5 * hop, out=closest[1:])
+        farthest = np.zeros(start.size)
+        np.maximum.at(farthest, group, distance.max(axis=0))
+        closest = np.maximum(closest, (np.sqrt(tolerance) * farthest)[group])
+        width = _length(x[:, 1:] - x[:, :-1], y[:, 1:] - y[:, :-1])
+        slices = np.flatnonzero(group[1:] == group[:-1])
+        split = slices[np.any(width > 2.0 * np.maximum(closest[:, 1:], closest[:, :-1]), axis=0)[slices]]
+        if split.size == 0 or bound.size > _MOST_FIRST_SLICES * start.size:
+            return bound[slices], bound[slices + 1], group[slices]
+        middle = 0.5 * (bound[split] + bound[split + 1])
+        bound, group = np.insert(bound, split + 1, middle), np.insert(group, split + 1, group[split])
+
+
+def _length(x: Real, y: Real) -> Real:
+    """What hypot gives, faster, where squares neither overflow nor matter when they vanish."""
+    length: Real = np.sqrt(x * x + y * y)
+    return length

@@ -1,0 +1,61 @@
+"""Rays through the pupil, close together where it matters and far apart elsewhere [mm].
+
+The pupil is cut into cells of rho^2 and azimuth, which are halved until each lands within the spacing asked for where
+it lands; Gauss's rule in each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psfcli.image.geometric import GeometricalImage, RayBundle, ray_fans
+from psfcli.image.quadrature import gauss_legendre
+
+Real = NDArray[np.float64]
+
+_FIRST_RADII, _FIRST_AZIMUTHS = 2, 8
+_NODES = 5  # of each cell, either way
+_SIZE = 3.0  # spacings that a cell may be wide
+_MOST_CELLS = 200_000
+
+
+def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real]) -> RayBundle:
+    """Rays about ``spacing(x, y)`` [mm] apart where they land at (x, y), counted from the Gaussian image point."""
+    start, stop = image.telescope.pupil.sector
+    inner = image.telescope.pupil.obscuration**2
+    p = np.linspace(inner, 1.0, _FIRST_RADII + 1)
+    a = np.linspace(start, stop, _FIRST_AZIMUTHS + 1)
+    cells = np.array([(*p[i : i + 2], *a[j : j + 2]) for i in range(_FIRST_RADII) for j in range(_FIRST_AZIMUTHS)])
+    done: list[Real] = []
+    while cells.size:
+        x, y = _landing(image, cells, np.array([-1.0, 0.0, 1.0]))
+        along = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).sum(axis=1).max(axis=1)
+        around = np.hypot(np.diff(x, axis=2), np.diff(y, axis=2)).sum(axis=2).max(axis=1)
+        allowed = _SIZE * spacing(x, y).min(axis=(1, 2))
+        fits = (np.maximum(along, around) <= allowed) | (sum(len(d) for d in done) + len(cells) > _MOST_CELLS)
+        done.append(cells[fits])
+        cells, radial = cells[~fits], (along > around)[~fits]
+        middle = np.where(radial, 0.5 * (cells[:, 0] + cells[:, 1]), 0.5 * (cells[:, 2] + cells[:, 3]))
+        low, high = cells.copy(), cells.copy()
+        low[np.arange(len(cells)), np.where(radial, 1, 3)] = middle
+        high[np.arange(len(cells)), np.where(radial, 0, 2)] = middle
+        cells = np.concatenate([low, high])
+    cells = np.concatenate(done)
+    node, weight = gauss_legendre(_NODES)
+    x, y = _landing(image, cells, node)
+    area = (cells[:, 1] - cells[:, 0]) * (cells[:, 3] - cells[:, 2]) / ((1.0 - inner) * (stop - start))
+    share = area[:, None, None] * np.multiply.outer(0.5 * weight, 0.5 * weight)
+    return RayBundle(share.ravel(), x.ravel(), y.ravel())
+
+
+def _landing(image: GeometricalImage, cells: Real, node: Real) -> tuple[Real, Real]:
+    """Landing points of the product nodes, -1 to 1 across each cell: x and y of shape (cell, radius, azimuth)."""
+    p0, p1, a0, a1 = cells.T[:, :, None]
+    rho = np.sqrt(p0 + 0.5 * (p1 - p0) * (node + 1.0))[:, :, None]
+    azimuth = a0 + 0.5 * (a1 - a0) * (node + 1.0)
+    fans = ray_fans(image.telescope, image.field, azimuth.ravel())
+    x, y = ((((f[3] * rho + f[2]) * rho + f[1]) * rho + f[0]) for f in (c.reshape(4, -1, 1, node.size) for c in fans))
+    return x, y
