@@ -32,6 +32,13 @@ _MOST_TURNS = 20.0  # h(it) oscillates like this argument, which the rule must r
 
 def unclipped(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(S [1/mm^2], relative noise) of the unclipped S at radii ``STRIDE`` x ``STEP`` apart in the logarithm."""
+    value, noise = by_every_contour(system, log_r)
+    best = np.argmin(noise, axis=0)[None]
+    return np.take_along_axis(value, best, 0)[0], np.take_along_axis(noise, best, 0)[0]
+
+
+def by_every_contour(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same by each contour, shape [contour, radius]; infinite noise where one fails."""
     n = np.arange(math.floor(_LOW / STEP), math.ceil(_HIGH / STEP) + 1)  # 2 pi |q| r = exp(n step)
     shift = STRIDE * (len(log_r) - 1)
     k = np.arange(n[0] - shift, n[-1] + 1)
@@ -49,8 +56,12 @@ def unclipped(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.nd
     candidates.append(_on_the_cut(system, size, np.exp(n * STEP), len(log_r)))
     value, noise = (np.array(part) for part in zip(*candidates, strict=True))
     noise = np.where(np.isfinite(noise) & (value > 0.0), noise / np.abs(value), np.inf)
-    best = np.argmin(noise, axis=0)[None]
-    return np.take_along_axis(value, best, 0)[0], np.take_along_axis(noise, best, 0)[0]
+    # where the core still shows, the cut misses it and does not know: what contradicts the rays is its error
+    best = np.argmin(noise[:-1], axis=0)[None]
+    ray, ray_noise = (np.take_along_axis(part[:-1], best, 0)[0] for part in (value, noise))
+    apart = np.abs(value[-1] / ray - 1.0)
+    noise[-1] = np.where(apart > 3.0 * ray_noise, np.maximum(noise[-1], apart), noise[-1])
+    return value, noise
 
 
 def _sums(samples: np.ndarray, kernel: np.ndarray, radii: int) -> tuple[np.ndarray, np.ndarray]:
