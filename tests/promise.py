@@ -140,7 +140,7 @@ def truth_of(scene: Scene) -> Truth:
             moved = math.hypot(*centre) > 1e-12 * half_width
             boxes[column, box] = image.square(half_width, centre) if moved else boxes["ee", box]
         boxes["ee_unaberrated", box] = bare.square(half_width)
-    return Truth(tuple(pixels), boxes, 1.0 - image.energy(whole), time.process_time() - started)
+    return Truth(tuple(pixels), boxes, 1.0 - image.energy(whole, JUDGED_ENERGY), time.process_time() - started)
 
 
 def _places(detector: dict, centroid: tuple[float, float], extent: float, *, fine: bool) -> set[tuple[int, int]]:
