@@ -63,7 +63,9 @@ def azimuth_rule(telescope: Telescope, field: Field, count: int) -> Real:
     """
     start, stop = telescope.pupil.sector
     if telescope.pupil.is_full_annulus:
-        start, stop = field.azimuth, field.azimuth + 2.0 * math.pi
+        # a field on the axis has no direction: its image, too, is mirrored at the y axis
+        start = field.azimuth if telescope.relative_field(field)[0] != 0.0 else 0.5 * math.pi
+        stop = start + 2.0 * math.pi
     return start + (stop - start) * (np.arange(count) + 0.5) / count
 
 
@@ -115,7 +117,7 @@ def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
     start, stop = telescope.pupil.sector
     azimuths = (2 if telescope.pupil.is_full_annulus else 8) * (MAX_MOMENT + 1)
     rays = ray_bundle(telescope, field, 2 * MAX_MOMENT, azimuths)
-    symmetric = telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
+    symmetric = _is_mirror_symmetric(telescope, field)
     return GeometricalImage(
         telescope=telescope,
         field=field,
@@ -130,11 +132,18 @@ def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
     )
 
 
+def _is_mirror_symmetric(telescope: Telescope, field: Field) -> bool:
+    """Whether the image is the same for x and -x."""
+    return telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
+
+
 def spot_statistics(telescope: Telescope, field: Field) -> Spot:
     """Centroid, chief ray, rms about the centroid and extent of the geometrical spot [mm]."""
     azimuths = _EXACT_AZIMUTHS if telescope.pupil.is_full_annulus else 4 * _EXACT_AZIMUTHS
     rays = ray_bundle(telescope, field, _EXACT_RADII, azimuths)
     mean_x, mean_y = float(rays.share @ rays.x), float(rays.share @ rays.y)
+    if _is_mirror_symmetric(telescope, field):
+        mean_x = 0.0  # and not rounding: boxes about it keep the symmetry
     fans_x, fans_y = ray_fans(telescope, field, azimuth_rule(telescope, field, _EXTENT_AZIMUTHS))
     rho = np.linspace(telescope.pupil.obscuration, 1.0, 33)
     x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
