@@ -1,0 +1,78 @@
+"""The tradeoff as a picture: error against time, one line per method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, BinaryIO
+
+from psfcli.tolerance import PRESETS
+from psfcli.tradeoff.ladder import OURS
+from psfcli.tradeoff.measurement import Measurement
+from psfcli.tradeoff.rivals import FFT, MONTE_CARLO, RAYS
+
+_LOOK = {OURS: ("C3", "o"), FFT: ("C0", "s"), MONTE_CARLO: ("C2", "^"), RAYS: ("0.5", "v")}
+_PANELS = {"pixel": "largest relative error of a pixel", "ee": "largest error of an ensquared energy"}
+_STYLE: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "grid.color": "0.9",
+    "grid.linewidth": 0.5,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4.5,
+    "legend.frameon": False,
+}
+
+
+def draw(stream: BinaryIO, title: str, measurements: Sequence[Measurement]) -> None:
+    """Write the picture as PNG: pixels to the left, energies to the right; errors of 0 are not drawn.
+
+    A panel in which no error is above 0 is left out. Raises ImportError where matplotlib is missing.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    drawn = [name for name in _PANELS if any(_shown(m, name) for m in measurements)]
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(1.2 + 3.7 * len(drawn), 3.6), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.subplots(1, len(drawn), squeeze=False, sharex=True)[0]
+        for axis, name in zip(axes, drawn, strict=True):
+            for method in dict.fromkeys(m.method for m in measurements):
+                _line(axis, name, [m for m in measurements if m.method == method and _shown(m, name)])
+            axis.set(xscale="log", yscale="log", xlabel="time of one image  [s]", ylabel=_PANELS[name])
+            axis.minorticks_off()
+            axis.margins(0.08)
+        figure.suptitle(title, fontsize=9.5)
+        handles, labels = axes[-1].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        figure.savefig(stream, format="png", dpi=110, metadata={"Software": None})
+
+
+def _shown(m: Measurement, name: str) -> bool:
+    error = getattr(m.true, name)
+    return math.isfinite(error) and error > 0.0
+
+
+def _line(axis: Any, name: str, points: Sequence[Measurement]) -> None:
+    """One method: full marks for what was measured, a hollow one on a dotted line for what is extrapolated."""
+    if not points:
+        return
+    colour, mark = _LOOK[points[0].method]
+    measured = [(m.seconds, getattr(m.true, name)) for m in points if not m.extrapolated]
+    axis.plot(*zip(*measured, strict=True), color=colour, marker=mark, label=points[0].method)
+    beyond = [(m.seconds, getattr(m.true, name)) for m in points if m.extrapolated]
+    if beyond:
+        axis.plot(*zip(*measured[-1:], *beyond, strict=True), color=colour, ls=":", zorder=1.9)
+        axis.plot(*zip(*beyond, strict=True), color=colour, marker=mark, mfc="white", ls="")
+        axis.annotate(
+            "extrapolated", beyond[-1], (4, 7), textcoords="offset points", ha="right", color=colour, size=7.5
+        )
+    for m in points:
+        if m.setting in PRESETS:
+            place = m.seconds, getattr(m.true, name)
+            axis.annotate(m.setting, place, (-6, -3), textcoords="offset points", ha="right", color=colour, size=7.5)
