@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,6 +61,7 @@ def command(
 
     for warning in system.warnings:
         say(f"warning: {warning}")
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # every method on one thread
     # numpy, scipy: not before the system file is known to be good
     from psfcli.tradeoff import ladder, table, writing
     from psfcli.tradeoff.rivals import Limits

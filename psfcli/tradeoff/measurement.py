@@ -21,7 +21,7 @@ class Measurement:
     """One calculation of the image by ``method`` at a ``setting``: an accuracy, or a size.
 
     ``true`` errors against the truth, those ``asked`` for and ``estimated`` by the calculation itself (None: the
-    method has neither); ``seconds`` of wall time and ``peak_memory`` [MB] beyond what was loaded before.
+    method has neither); ``seconds`` of processor time and ``peak_memory`` [MB] beyond what was loaded before.
     ``extrapolated``: not calculated, but told from the method's error law.
     """
 
@@ -53,19 +53,20 @@ class Timed(Generic[Answer]):
 def timed(task: Callable[[], Answer], repetitions: int) -> Timed[Answer]:
     """Run ``task`` once to warm up and to see its memory, then ``repetitions`` times by the clock; once if it is long.
 
-    Memory is what Python and numpy allocate, by tracemalloc.
+    Time is the processor's: all methods run on one thread, so that it is the wall time of an idle machine, whatever
+    else a busy one does. Memory is what Python and numpy allocate, by tracemalloc.
     """
     tracemalloc.start()
     try:
-        started = time.perf_counter()
+        started = time.process_time()
         answer = task()
-        first = time.perf_counter() - started
+        first = time.process_time() - started
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     seconds = []
     for _ in range(1 if first > _LONG else repetitions):
-        started = time.perf_counter()
+        started = time.process_time()
         task()
-        seconds.append(time.perf_counter() - started)
+        seconds.append(time.process_time() - started)
     return Timed(answer, statistics.median(seconds), round(1e-6 * peak, 1))

@@ -50,7 +50,7 @@ def draw(stream: BinaryIO, title: str, measurements: Sequence[Measurement]) -> N
         figure.suptitle(title, fontsize=9.5)
         handles, labels = axes[-1].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-        figure.savefig(stream, format="png", dpi=110, metadata={"Software": None})
+        figure.savefig(stream, format="png", dpi=100, metadata={"Software": None}, pil_kwargs={"optimize": True})
 
 
 def _shown(m: Measurement, name: str) -> bool:
