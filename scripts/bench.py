@@ -32,7 +32,7 @@ from psfcli.image.point import WavelengthScatter, field_images, wavelength_scatt
 from psfcli.image.result import FieldImage
 from psfcli.planning.plan import Plan
 from psfcli.tolerance import Tolerance
-from psfcli.tradeoff.errors import promised_error, rival_error
+from psfcli.tradeoff.errors import pixel_error, promised_error
 from psfcli.tradeoff.plain_fft import plain_fft
 from psfcli.tradeoff.rays import counted, scattered_rays
 
@@ -89,14 +89,17 @@ def against_fft_and_rays() -> None:
     truth = one_field(recipe.plan(replace(system, tolerance=Tolerance(1e-6, 1e-8))))()
     ours = one_field(scene)
     ours_error = promised_error(ours(), truth, scene.detector, scene.tolerance).pixel
+    # the FFT is judged away from the middle, where the size of its cells counts and not the period
+    allowance = np.zeros_like(truth.psf)
+    allowance[24:40, 24:40] = np.inf
     our_seconds = statistics.median([seconds(ours) for _ in range(5)])
     print(f"paper's case, one field at pixel 2e-3, ee 1e-4: largest pixel error {ours_error:.1e}")
     errors, times = [], []
     for size in (1024, 2048, 4096, 8192):
         started = time.perf_counter()
-        image = plain_fft(scene, size)
+        pixels, _ = plain_fft(scene, size)
         times.append(time.perf_counter() - started)
-        errors.append(rival_error(*image, truth, scene).pixel)
+        errors.append(pixel_error(pixels, truth.psf, allowance))
         print(
             f"  plain 2-D FFT of {size}^2 (period {size * system.detector.sub_pixel:.1f} mm): "
             f"error {errors[-1]:.1e}, {times[-1] / our_seconds:.1f} times our time"
