@@ -1,8 +1,11 @@
 """What accuracy costs: the ladder keeps what was asked, the rivals' errors fall by their laws, the files say it all."""
 
 import itertools
+import json
 import math
+import runpy
 import sys
+import tomllib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -22,6 +25,7 @@ from psfcli.tradeoff.plain_fft import plain_fft
 from psfcli.tradeoff.rays import counted, pupil_grid, scattered_rays
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+DOCS = CONFIGS.parent / "docs"
 PAPER = CONFIGS / "euv_two_mirror.yaml"
 SMALL = [
     "--set", "detector.pixels=8", "--set", "detector.oversample=2",
@@ -292,3 +296,40 @@ def test_time_and_memory_are_those_of_the_calculation():
     assert run.answer == 2e6
     assert run.peak_memory == pytest.approx(16.0, abs=0.3)  # 8 bytes each
     assert 0.0 < run.seconds < 1.0
+
+
+# -- what the documentation says
+
+
+def test_every_system_has_its_measurements_and_a_small_picture():
+    for config in CONFIGS.glob("*.yaml"):
+        with (DOCS / "tradeoff" / f"{config.stem}.csv").open() as stream:
+            found = {(m.method, m.setting) for m in table.read_csv(stream)}
+        assert {(ladder.OURS, name) for name in ladder.rungs(presets_only=False)} <= found, config.stem
+        assert (rivals.MONTE_CARLO, "1e7 rays") in found, config.stem
+        picture = (DOCS / "tradeoff" / f"{config.stem}.png").read_bytes()
+        assert picture.startswith(b"\x89PNG\r\n")
+        assert len(picture) < 60_000, config.stem
+
+
+def test_readme_docs_and_price_tags_are_made_from_the_measurements():
+    figures = runpy.run_path(str(DOCS.parent / "scripts" / "figures.py"))
+    pages = figures["pages"]()
+    assert {path.name for path in pages} == {"README.md", "tradeoff.md", "prices.json"}
+    for path, text in pages.items():
+        assert path.read_text(encoding="utf-8") == text, f"{path.name}: make figures, or scripts/figures.py pages"
+
+
+@pytest.mark.parametrize("command", ["run", "plan"])
+def test_the_help_tells_the_price_of_each_preset(command):
+    told = " ".join(CliRunner().invoke(main, [command, "--help"], terminal_width=200).stdout.split())
+    tags = json.loads((DOCS.parent / "psfcli" / "cli" / "prices.json").read_text())
+    assert set(tags) == set(PRESETS)
+    for name, tag in tags.items():
+        assert f"{name} {tag['pixel_error']:.0e}, {tag['ee_error']:.0e}, x {tag['time']:g}" in told
+    assert tags["standard"]["time"] == 1.0
+
+
+def test_the_price_tags_are_part_of_the_package():
+    project = tomllib.loads((DOCS.parent / "pyproject.toml").read_text())
+    assert "cli/prices.json" in project["tool"]["setuptools"]["package-data"]["psfcli"]
