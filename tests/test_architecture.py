@@ -40,6 +40,7 @@ LIBRARIES = {
     "OpenEXR": {"products"},
     "threadpoolctl": {"recipe"},
     "matplotlib": {"tradeoff"},
+    "PIL": {"tradeoff"},
     "scipy": {"tradeoff", "image", "surface"},
     "numpy": {
         "tradeoff",
