@@ -236,6 +236,7 @@ def test_the_error_expected_of_rays_is_the_median_of_what_drawing_shows():
     # the median of 800 draws is known to 0.05 of their spread of a quarter; the faintest pixel holds 2000 rays
     expected = errors.expected_pixel_error(count, truth, Detector(0.021, 8))
     assert expected == pytest.approx(float(np.median(largest)), rel=0.03)
+    assert math.isnan(errors.expected_pixel_error(count, replace(truth, psf=0.0 * P), Detector(0.021, 8)))
 
 
 def test_where_nothing_scatters_there_is_nothing_to_convolve():

@@ -74,13 +74,14 @@ def expected_pixel_error(count: float, truth: FieldImage, detector: Detector) ->
     """The median of the largest relative pixel error of ``count`` random rays, away from the unscattered light.
 
     The count in a pixel of energy P has the relative standard error s = sqrt((1 - P)/(P count)); independent normal
-    errors all stay below m with probability prod erf(m/(s sqrt 2)), here one half. Valid for P count >> 1.
+    errors all stay below m with probability prod erf(m/(s sqrt 2)), here one half. Valid for P count >> 1; nan where no
+    other light falls.
     """
     assert truth.psf is not None
     grid = Detector(detector.pixel, detector.pixels, 1, detector.centre, detector.offset)
     P = truth.psf[~touched(truth.spot, grid) & (truth.psf > _FLOOR)]
     if P.size == 0:
-        return 0.0
+        return math.nan
     s = np.sqrt(2.0 * (1.0 - P) / (P * count))
 
     def surplus(m: float) -> float:

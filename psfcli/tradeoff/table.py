@@ -41,9 +41,9 @@ HEADINGS = (
 
 
 def cells(measurements: Sequence[Measurement]) -> list[list[str]]:
-    """The rows of the table for readers, under HEADINGS; no column of them is wider than its heading by much.
+    """The rows of the table for readers, under HEADINGS, to two digits.
 
-    Errors to two digits; what a method has not, and what could not be judged, is a dash.
+    What a method has not, and what could not be judged, is a dash.
     """
     standard = next(m.seconds for m in measurements if (m.method, m.setting) == (OURS, "standard"))
     return [
