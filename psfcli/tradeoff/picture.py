@@ -31,9 +31,10 @@ _STYLE: dict[Any, Any] = {
 
 
 def draw(stream: BinaryIO, title: str, measurements: Sequence[Measurement]) -> None:
-    """Write the picture as PNG: pixels to the left, energies to the right; errors of 0 are not drawn.
+    """Write the picture as PNG: pixels to the left, energies to the right.
 
-    A panel in which no error is above 0 is left out. Raises ImportError where matplotlib is missing.
+    Errors of 0 have no place on the axis; a method that has no others is named as such. A panel in which no error is
+    above 0 is left out. Raises ImportError where matplotlib is missing.
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -48,6 +49,9 @@ def draw(stream: BinaryIO, title: str, measurements: Sequence[Measurement]) -> N
         for axis, name in zip(axes, drawn, strict=True):
             for method in dict.fromkeys(m.method for m in measurements):
                 _line(axis, name, [m for m in measurements if m.method == method and _shown(m, name)])
+            exact = {m.method for m in measurements} - {m.method for m in measurements if _shown(m, name)}
+            for method in exact:
+                axis.text(0.96, 0.93, f"{method}: 0", transform=axis.transAxes, ha="right", color=_LOOK[method][0])
             axis.set(xscale="log", yscale="log", xlabel="time of one image  [s]", ylabel=_PANELS[name])
             axis.minorticks_off()
             axis.margins(0.08)
