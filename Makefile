@@ -1,4 +1,4 @@
-# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, clean.
+# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, figures, clean.
 # All of them install what they need into $(VENV); nothing but Python 3.11 or later with venv is asked of the machine.
 
 PYTHON ?= python3
@@ -27,7 +27,7 @@ PSFCLI := $(VENV)/bin/psfcli
 SWEEP_NEEDS := $(INSTALLED)
 endif
 
-.PHONY: run test lint golden golden-update sweep bench clean always
+.PHONY: run test lint golden golden-update sweep bench figures clean always
 .DELETE_ON_ERROR:
 .SUFFIXES:
 
@@ -51,6 +51,10 @@ golden-update: $(INSTALLED)
 
 bench: $(INSTALLED_ALL)
 	$(VENV)/bin/python scripts/bench.py
+
+# every picture and measured table of README.md and docs/, and the price tags of psfcli run --help
+figures: $(INSTALLED_ALL)
+	$(VENV)/bin/python scripts/figures.py
 
 # One directory per angle, done when its manifest stands and is younger than the request; then one table of them all.
 sweep: $(SWEPT)
@@ -84,7 +88,7 @@ $(INSTALLED_ALL): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) sweep build dist *.egg-info *_psf .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) sweep build dist *.egg-info *_psf *_tradeoff .mypy_cache .pytest_cache .ruff_cache
 	find psfcli scripts tests -name __pycache__ -prune -exec rm -rf {} +
 
 always:

@@ -13,12 +13,13 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent / "psfcli"
 
 # From the user down to the physics; imports go down only.
-ORDER = ("cli", "recipe", "config", "products", "planning", "image", "surface", "telescope", "tolerance")
+ORDER = ("cli", "tradeoff", "recipe", "config", "products", "planning", "image", "surface", "telescope", "tolerance")
 
 # What each part may import of the others, for type checkers too: nobody needs the name of what they must not know.
 # recipe.py alone joins planning, image and products; products know images, not how they were asked for or planned.
 MAY_IMPORT = {
-    "cli": {"recipe", "config", "products", "planning", "tolerance"},
+    "cli": {"tradeoff", "recipe", "config", "products", "planning", "tolerance"},
+    "tradeoff": {"recipe", "config", "products", "planning", "image", "surface", "telescope", "tolerance"},
     "recipe": {"config", "products", "planning", "image", "tolerance"},
     "config": {"image", "surface", "telescope", "tolerance"},
     "products": {"image", "surface", "telescope", "tolerance"},
@@ -38,8 +39,17 @@ LIBRARIES = {
     "astropy.table": {"products"},
     "OpenEXR": {"products"},
     "threadpoolctl": {"recipe"},
-    "scipy": {"image", "surface"},
-    "numpy": {"products", "planning", "image", "surface", "telescope"},  # the system file is checked without arrays
+    "matplotlib": {"tradeoff"},
+    "PIL": {"tradeoff"},
+    "scipy": {"tradeoff", "image", "surface"},
+    "numpy": {
+        "tradeoff",
+        "products",
+        "planning",
+        "image",
+        "surface",
+        "telescope",
+    },  # the system file is checked without arrays
 }
 
 # (importing module, imported name): the reason it is let through

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from psfcli.cli.prices import price_tags
 from psfcli.products import FORMATS
 from psfcli.tolerance import PRESETS, Tolerance
 
@@ -63,7 +64,12 @@ def system_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.argument("config", metavar="CONFIG"),
             click.option("--field", "fields", multiple=True, metavar='"0.3 deg"', help="Replaces fields; repeatable."),
             click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2."),
-            click.option("--accuracy", "accuracy_name", type=click.Choice(list(PRESETS)), help="Replaces accuracy."),
+            click.option(
+                "--accuracy",
+                "accuracy_name",
+                type=click.Choice(list(PRESETS)),
+                help=f"Replaces accuracy. {price_tags()}",
+            ),
             click.option("--pixel-error", type=float, metavar="X", help="Relative error of a pixel, with --ee-error."),
             click.option(
                 "--ee-error", type=float, metavar="Y", help="Error of an ensquared energy, with --pixel-error."

@@ -30,11 +30,12 @@ def load(
     overrides: Sequence[str] = (),
     fields: Sequence[str] | None = None,
     tolerance: Tolerance | str | None = None,
+    wavelength: str | None = None,
 ) -> System:
     """The system a file describes, in the units used inside; ``-`` is standard input.
 
     ``overrides`` are ``dotted.key=value`` strings, ``fields`` replace the file's (each a field as in the file), and
-    ``tolerance`` replaces its accuracy, by name or by number.
+    ``tolerance`` replaces its accuracy, by name or by number; ``wavelength`` replaces its wavelengths.
 
     Raises ConfigError, with every fault, when the file or an option cannot be used.
     """
@@ -52,7 +53,7 @@ def load(
         faults.raise_if_any()
     if isinstance(root, Mapping):
         root = replace(root, key=locate(1, 1))  # what is missing at the top is told there
-        tree = with_options(root, overrides, fields, tolerance, faults)
+        tree = with_options(root, overrides, fields, tolerance, wavelength, faults)
     else:
         tree = root
     values = check(tree, SYSTEM, faults)
