@@ -1,4 +1,4 @@
-# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, clean.
+# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, extremes, clean.
 # All of them install what they need into $(VENV); nothing but Python 3.11 or later with venv is asked of the machine.
 
 PYTHON ?= python3
@@ -27,7 +27,7 @@ PSFCLI := $(VENV)/bin/psfcli
 SWEEP_NEEDS := $(INSTALLED)
 endif
 
-.PHONY: run test lint golden golden-update sweep bench clean always
+.PHONY: run test lint golden golden-update sweep bench extremes clean always
 .DELETE_ON_ERROR:
 .SUFFIXES:
 
@@ -51,6 +51,9 @@ golden-update: $(INSTALLED)
 
 bench: $(INSTALLED_ALL)
 	$(VENV)/bin/python scripts/bench.py
+
+extremes: $(INSTALLED_ALL)
+	$(VENV)/bin/python scripts/extremes.py
 
 # One directory per angle, done when its manifest stands and is younger than the request; then one table of them all.
 sweep: $(SWEPT)

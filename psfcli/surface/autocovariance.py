@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -117,7 +118,7 @@ def _by_bessel_function(u: Real, nu: float) -> Real:
     """The autocovariance for u >= sqrt(2 nu), where K_nu is far from overflow; by Debye's expansion for large nu."""
     z = np.minimum(u, 1e6)  # K_nu gives up beyond 1e9; rho is 0 long before
     if nu > _DEBYE_ORDER:
-        return _by_debye(z.astype(np.complex128), nu).real
+        return _by_normalised_debye(z, nu)
     return np.exp(_log_prefactor(nu) + nu * np.log(z) + np.log(special.kve(nu, z)) - z)
 
 
@@ -153,8 +154,22 @@ def _by_debye(u: Complex, nu: float) -> Complex:
     root = np.sqrt(1.0 + z * z)
     log_k = -nu * (root + np.log(z / (1.0 + root))) - 0.5 * np.log(root) + 0.5 * np.log(0.5 * np.pi / nu)
     p = 1.0 / root
-    series = sum(poly(p) * (-1.0 / nu) ** k for k, poly in enumerate(_debye_polynomials()))
-    return np.exp(_log_prefactor(nu) + nu * np.log(u) + log_k) * series
+    return np.exp(_log_prefactor(nu) + nu * np.log(u) + log_k) * _debye_series(p, nu)
+
+
+def _by_normalised_debye(u: Real, nu: float) -> Real:
+    """The same for real u, divided by its own value at u = 0 in place of Gamma(nu), whose logarithm costs digits.
+
+    With w = (1 + z^2)^(1/2) - 1:  rho = exp{-nu [w - ln(1 + w/2)]} (1 + w)^(-1/2) series(1/(1 + w))/series(1).
+    """
+    z2 = (u / nu) ** 2
+    w = z2 / (1.0 + np.sqrt(1.0 + z2))
+    series = _debye_series(1.0 / (1.0 + w), nu) / _debye_series(np.ones(1), nu)
+    return np.exp(-nu * (w - np.log1p(0.5 * w))) / np.sqrt(1.0 + w) * series
+
+
+def _debye_series(p: Any, nu: float) -> Any:
+    return sum(poly(p) * (-1.0 / nu) ** k for k, poly in enumerate(_debye_polynomials()))
 
 
 @cache

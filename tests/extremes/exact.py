@@ -48,7 +48,7 @@ def _tail_of_series(x: mpf, nu: mpf) -> mpf:
 
 
 def _by_integral(u: mpf, nu: mpf) -> mpf:
-    """rho = 2^(1-nu)/Gamma(nu) u^nu K_nu(u), K_nu = (1/2) Int exp(nu t - u cosh t) dt over all t, by the trapezoid rule.
+    """rho = 2^(1-nu)/Gamma(nu) u^nu K_nu(u), K_nu = (1/2) Int exp(nu t - u cosh t) dt over all t, by trapezoids.
 
     The integrand is analytic and falls like exp(-exp|t|): with 16 steps and more to its width the error is below 1e-40.
     """
@@ -101,9 +101,9 @@ def _polynomial(C: float) -> list[mpf]:
 
 
 def _bsdf_by_scatterings(beta: float, sigma: float, B: float, C: float, wavelength: float) -> mpf:
-    """(B/lambda)^2 exp(-g) sum_n a^n/n! F_n, F_n the transform of rho^n, a polynomial times exp(-n u); b = B beta/lambda.
+    """(B/lambda)^2 exp(-g) sum_n a^n/n! F_n(b), F_n the transform of rho^n, a polynomial times exp(-n u).
 
-    Int u^(k+1) exp(-n u) J0(b u) du = (k+1)! P_(k+1)(n/w)/w^(k+2), w^2 = n^2 + b^2, P Legendre's.
+    Int u^(k+1) exp(-n u) J0(b u) du = (k+1)! P_(k+1)(n/w)/w^(k+2), w^2 = n^2 + b^2, b = B beta/lambda.
     """
     with mpmath.workdps(60):
         K = 4 * mpmath.pi / mpf(wavelength)

@@ -80,14 +80,14 @@ def allowed(table: str, rows: list[Row]) -> Values:
 
 
 def excess(found: np.ndarray, exact: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-    """The relative error in units of the allowed one; infinite for a nan and for what should be 0 exactly and is not."""
+    """The relative error in units of the allowed one; infinite for a nan and for a 0 that is none."""
     with np.errstate(all="ignore"):
         units = np.abs(found / exact - 1.0) / allowed
     units = np.where(exact == 0.0, np.where(found == 0.0, 0.0, np.inf), units)
     return np.where(np.isfinite(found), units, np.inf)
 
 
-def worst(found: Values, table: str, rows: list[Row]) -> Values:
+def errors(found: Values, table: str, rows: list[Row]) -> Values:
     """``excess`` of each result at each row."""
     permitted = allowed(table, rows)
     return {name: excess(values, column(rows, name), permitted[name]) for name, values in found.items()}
