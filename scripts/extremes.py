@@ -206,6 +206,11 @@ The BSDF goes through the mixture of Gaussians. Where that does not resolve a sp
 calculations by different steps disagree by more than 1e-8, it is an error that says so, never a wrong number. In the
 core that begins near g = 15 for C = 8, g = 6 for C = 10, g = 3 for C = 12 and g = 0.8 for C = 14. Refused are g above
 1000, too, and g below 1e-16, which the mixture does not tell from none.
+
+## What doubles do not hold
+
+Within a few hundredths of the separation at which the clip of H sets in, K^2 C(r) and g are nearly equal, and doubles
+lose 1e-14 (K sigma)^2 of H beside what is allowed: it counts for g above 100.
 """
 
 

@@ -230,6 +230,28 @@ def test_rough_surfaces_of_steep_spectra_tend_to_a_gaussian(C):
         assert np.all(np.abs(found / (a * x / (nu - 1.0)) - 1.0) < bound)
 
 
+def test_next_to_the_clip_no_more_is_lost_than_the_rounding_of_what_cancels():
+    random = Random("clip")
+    for _ in range(60):
+        sigma, C, B = (
+            math.sqrt(10.0 ** random.uniform(2, 6)) / K,
+            random.uniform(1.02, 4.0),
+            WAVELENGTH * 10.0 ** random.uniform(0, 2),
+        )
+        mirror = judge.mirror(sigma, B, C)
+        low, high = 1e-12 * WAVELENGTH, 1e4 * WAVELENGTH
+        for _ in range(100):  # to where the exponent changes sign
+            r = math.sqrt(low * high)
+            low, high = (r, high) if transfer_exponent(np.array([r]), mirror, WAVELENGTH)[0] > 0.0 else (low, r)
+        r = high * (1.0 + 10.0 ** random.uniform(-9, -4))
+        H = exact.transfer(sigma, B, C, WAVELENGTH, r)[2]
+        if H < 1e-300:
+            continue
+        (found,) = surface_transfer_function(np.array([r]), mirror, WAVELENGTH)
+        promise = 1e-12 * max(1.0, -float(mpmath.log(H))) + 1e-14 * (K * sigma) ** 2
+        assert abs(float(found / H) - 1.0) <= promise
+
+
 def test_narrow_bands_keep_their_digits():
     term = KCorrelation(1.0, 2.0, 2.4)
     for width in (1e-3, 1e-8, 1e-13):

@@ -67,8 +67,8 @@ def transfer_exponent(r: Real, surface: Surface, wavelength: float) -> Real:
 def surface_transfer_function(r: Real, surface: Surface, wavelength: float) -> Real:
     """H(r) = exp{-max(0, g - K^2 C(r))} [1] at separations ``r`` [mm], shape of r; H(0) = 1, H(inf) = exp(-g).
 
-    Relative error below 1e-12 max(1, g - K^2 C) for C - 1 from 2e-6 to 2000 and g up to 1e6, and where more than 1000
-    of the phase variance lies beyond the horizon, 1e-15 times that next to the clip. 0 below the normal doubles.
+    Relative error below 1e-12 max(1, -ln H) for C - 1 from 2e-6 to 2000 and g up to 1e6; next to the clip, where K^2 C
+    and g cancel, 1e-14 (K sigma)^2 more, which counts for surfaces of g above 100. 0 below the normal doubles.
     """
     transfer = np.exp(np.minimum(0.0, transfer_exponent(r, surface, wavelength)))
     return np.where(transfer < np.finfo(np.float64).tiny, 0.0, transfer)
