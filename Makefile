@@ -1,4 +1,4 @@
-# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, figures, clean.
+# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, figures, extremes, clean.
 # All of them install what they need into $(VENV); nothing but Python 3.11 or later with venv is asked of the machine.
 
 PYTHON ?= python3
@@ -27,7 +27,7 @@ PSFCLI := $(VENV)/bin/psfcli
 SWEEP_NEEDS := $(INSTALLED)
 endif
 
-.PHONY: run test lint golden golden-update sweep bench figures clean always
+.PHONY: run test lint golden golden-update sweep bench figures extremes clean always
 .DELETE_ON_ERROR:
 .SUFFIXES:
 
@@ -55,6 +55,9 @@ bench: $(INSTALLED_ALL)
 # every picture and measured table of README.md and docs/, and the price tags of psfcli run --help
 figures: $(INSTALLED_ALL)
 	$(VENV)/bin/python scripts/figures.py
+
+extremes: $(INSTALLED_ALL)
+	$(VENV)/bin/python scripts/extremes.py
 
 # One directory per angle, done when its manifest stands and is younger than the request; then one table of them all.
 sweep: $(SWEPT)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from psfcli.image.horizon import horizon_loss
 from psfcli.image.quadrature import gauss_rule
 from psfcli.image.result import SurfaceScatter
-from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_variance, total_integrated_scatter
+from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_rms, total_integrated_scatter
 from psfcli.surface.mixture import GaussianMixture, ScatterTerm, mixing_density, trapezoid_step
 from psfcli.surface.surface import Surface
 from psfcli.telescope.system import Telescope
@@ -61,7 +61,7 @@ def scatter_table(surfaces: Sequence[Surface], telescope: Telescope, wavelength:
         SurfaceScatter(
             name=surface.name,
             wavelength=wavelength,
-            sigma_rel=math.sqrt(relative_variance(surface, wavelength)),
+            sigma_rel=relative_rms(surface, wavelength),
             g=phase_variance(surface, wavelength),
             tis=total_integrated_scatter(surface, wavelength),
             magnified_distance=telescope.magnified_distance(surface.marginal_height),
