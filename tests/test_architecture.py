@@ -45,7 +45,8 @@ LIBRARIES = {
 # (importing module, imported name): the reason it is let through
 EXCEPTIONS: dict[tuple[str, str], str] = {
     ("psfcli", "psfcli.config"): "the Python interface: psfcli.load, imported when asked for",
-    ("psfcli", "psfcli.recipe"): "the Python interface: psfcli.plan, run and write, imported when asked for",
+    ("psfcli", "psfcli.products"): "the Python interface: psfcli.OutputError, imported when asked for",
+    ("psfcli", "psfcli.recipe"): "the Python interface: psfcli.plan, run, write, SceneError, imported when asked for",
     ("psfcli.__main__", "psfcli.cli"): "python -m psfcli",
     ("psfcli.recipe", "psfcli.surface.mixture"): "the error of a scatter that no mixture can hold, told to the user",
 }
