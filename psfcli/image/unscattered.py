@@ -51,6 +51,8 @@ def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, t
         return light.reshape(-1, modulus)
 
     start, stop = _azimuths(point, half=symmetric)
+    if point.is_a_point:
+        return per_fan(np.array([start]), rows * columns)[0].reshape(rows, columns), 0.0
     bounds = np.linspace(start, stop, _slice_count(start, stop, tolerance) + 1)
     modulus = min(rows * columns, _BUCKETS)
     rule = integrate_adaptively(
