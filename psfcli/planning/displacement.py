@@ -1,12 +1,13 @@
-"""Which aberration coefficients a scene does without, because of how little they displace the light.
+"""Whether a scene does without its aberrations, because of how little they displace the light.
 
-Unscattered light has sharp edges, so no bound holds for it but where it all stays in one cell of the grid and in every
-square asked for, with every aberration there is. Scattered light is smooth. Displaced by delta, a term of width w,
-order nu = (C - 1)/2 and phase variance below e^b changes
+All of them, or none: a few coefficients less would save nothing. They displace rays by at most delta. Unscattered light
+has sharp edges, so no bound holds for it but where all of it stays in one cell of the grid and in every square asked
+for. Scattered light is smooth. Displaced by delta, a term of width w, order nu = (C - 1)/2 and phase variance below e^b
+changes
 
-- the energy in any square by at most delta e^b Gamma(nu + 1/2)/(sqrt(pi) Gamma(nu) w), the mean over its Gaussians,
-  v = w^2/2t, of the total variation delta/sqrt(2 pi v); the clip at the horizon, made of discs |q| < 1/(4 d_j), adds at
-  most 3 delta (e^b - 1)/d_j;
+- the energy in a square about it by at most 0.49 nu e^b (delta/w)^2: for a Gaussian N(v) it falls by no more than
+  0.243 delta^2/v, and the mean of 1/v is 2 nu/w^2; the clip at the horizon, made of discs |q| < 1/(4 d_j), adds at most
+  3 delta (e^b - 1)/d_j;
 - a pixel, relatively, by at most exp[delta (C + 1)/(2 w)] - 1, the steepest descent of ln S2, at x = w: a convolution
   of several terms is nowhere steeper than the steepest of them. Twice that covers the clip for distances r with
   (r/d_j)^(C + 1) < (C - 1)/10; pixels farther out have no bound.
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from psfcli.image.grid import Detector
 from psfcli.image.scatter import scatter_terms
@@ -30,22 +31,26 @@ from psfcli.tolerance import Tolerance
 
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """How an image changes when light is displaced: ``ee`` and ``pixel`` per mm, for small displacements.
+    """How an image changes when its light is displaced from the Gaussian image point.
 
-    ``unscattered`` is the light with sharp edges, and ``clearance`` [mm] the displacement that it does not notice.
+    Of an energy by ``curvature`` [1/mm^2] times the square of the displacement and ``clip`` [1/mm] times itself, of ln
+    of a pixel by ``slope`` [1/mm] times it. ``unscattered`` is the light with sharp edges, and ``clearance`` [mm] the
+    displacement that it does not notice.
     """
 
-    ee: float
-    pixel: float
+    curvature: float
+    clip: float
+    slope: float
     unscattered: float
     clearance: float
 
-    def change(self, displacement: float, farthest: float) -> Tolerance:
-        """A bound of what a ``displacement`` [mm] changes, where all aberrations displace by ``farthest`` [mm]."""
-        jump = 0.0 if farthest < self.clearance else self.unscattered
-        exponent = self.pixel * displacement
+    def change(self, displacement: float) -> Tolerance:
+        """A bound of what a ``displacement`` [mm] above 0 of all light changes; inf where there is none."""
+        jump = 0.0 if displacement < self.clearance else self.unscattered
+        exponent = self.slope * displacement
         return Tolerance(
-            pixel=math.expm1(exponent) if exponent < 1.0 else math.inf, ee=min(jump + self.ee * displacement, 1.0)
+            pixel=math.expm1(exponent) if exponent < 1.0 else math.inf,
+            ee=min(jump + self.curvature * displacement**2 + self.clip * displacement, 1.0),
         )
 
 
@@ -80,40 +85,20 @@ def sensitivity(
     the least half width, inf where no squares are asked for.
     """
     distance = 0.0 if detector is None else detector.farthest()
-    ee = pixel = 0.0
+    curvature = clip = slope = 0.0
     for wavelength, surfaces in scattering.items():
         b = beyond_horizon(surfaces, wavelength)
         for surface in surfaces:
             d = telescope.magnified_distance(surface.marginal_height)
             for term in scatter_terms([surface], telescope, wavelength):
                 if d == 0.0:
-                    return Sensitivity(math.inf, math.inf, unscattered, 0.0)
-                lost = math.exp(math.lgamma(term.nu + 0.5) - math.lgamma(term.nu)) / (math.sqrt(math.pi) * term.width)
-                ee = max(ee, 2.0 * (math.exp(b) * lost + 3.0 * math.expm1(b) / d))
+                    return Sensitivity(math.inf, math.inf, math.inf, unscattered, 0.0)
+                curvature = max(curvature, 0.49 * term.nu * math.exp(b) * (2.0 / term.width) ** 2)
+                clip = max(clip, 6.0 * math.expm1(b) / d)
                 smooth = (distance / d) ** (2.0 * term.nu + 2.0) < 0.2 * term.nu
-                pixel = max(pixel, 2.0 * (term.nu + 1.0) / term.width if smooth else math.inf)
-    return Sensitivity(
-        ee, 0.0 if detector is None else pixel, unscattered, min(0.5 * smallest_box, _to_an_edge(detector))
-    )
-
-
-def negligible(sizes: Mapping[str, float], worth: Sensitivity, allowed: Tolerance) -> tuple[frozenset[str], Tolerance]:
-    """The coefficients that together change nothing by more than ``allowed``, and a bound of what they change."""
-    farthest = sum(sizes.values())
-    skipped = {name for name, size in sizes.items() if size == 0.0}
-    left_out = Tolerance(0.0, 0.0)
-    for name in sorted(sizes.keys() - skipped, key=lambda name: (sizes[name], name)):
-        together = worth.change(sizes[name] + sum(sizes[other] for other in skipped), farthest)
-        if together.ee > allowed.ee or together.pixel > allowed.pixel:
-            break
-        skipped.add(name)
-        left_out = together
-    return frozenset(skipped), left_out
-
-
-def without_coefficients(telescope: Telescope, names: frozenset[str]) -> Telescope:
-    """The telescope less some coefficients of its Seidel table."""
-    return replace(telescope, seidel=replace(telescope.seidel, **dict.fromkeys(names, 0.0)))
+                slope = max(slope, 2.0 * (term.nu + 1.0) / term.width if smooth else math.inf)
+    clearance = min(0.5 * smallest_box, _to_an_edge(detector))
+    return Sensitivity(curvature, clip, 0.0 if detector is None else slope, unscattered, clearance)
 
 
 def _to_an_edge(detector: Detector | None) -> float:

@@ -80,20 +80,21 @@ def scatter_effects(
     yield Effect(f"multiple scatter{place}", G > 0.0, twice, math.inf if G else 0.0, because, "nothing")
 
 
-def aberration_effects(sizes: Mapping[str, float], skipped: frozenset[str], worth: Sensitivity) -> Iterator[Effect]:
-    """Each coefficient of the Seidel table."""
-    farthest = sum(sizes.values())
+def aberration_effects(sizes: Mapping[str, float], worth: Sensitivity, *, modelled: bool) -> Iterator[Effect]:
+    """Each coefficient of the Seidel table by its displacement [mm], ``modelled`` if not zero."""
+    together = sum(sizes.values())
     for name, size in sizes.items():
-        change = worth.change(size, farthest) if size else Tolerance(0.0, 0.0)
-        because = f"displaces light by up to {1e3 * size:.3g} um" if size else "zero"
-        if size and name not in skipped and farthest >= worth.clearance and worth.unscattered > 0.0:
-            because += ", across edges"
-        modelled = name not in skipped
-        pixel = math.nan if modelled and "edges" in because else change.pixel
-        saves = "all tracing, without the others" if size else "nothing"
-        yield Effect(f"aberration {name}", modelled, change.ee, pixel, because, saves)
-    if skipped >= {name for name, size in sizes.items() if size}:
-        yield Effect("rays", False, 0.0, 0.0, "no aberration is left: the spot is a point", "all tracing")
+        if size == 0.0:
+            yield Effect(f"aberration {name}", False, 0.0, 0.0, "zero", "nothing")
+            continue
+        change, because = worth.change(size), f"displaces light by up to {1e3 * size:.3g} um"
+        crosses = together >= worth.clearance and worth.unscattered > 0.0
+        ee, pixel = (max(change.ee, worth.unscattered), math.nan) if crosses else (change.ee, change.pixel)
+        where = ", with the others across edges" if crosses else ""
+        yield Effect(f"aberration {name}", modelled, ee, pixel, because + where, "nothing without the others")
+    because = "all displace light to where it changes an image" if modelled else "no aberration matters: one ray is all"
+    change = worth.change(together) if together else Tolerance(0.0, 0.0)
+    yield Effect("rays", modelled, change.ee, change.pixel, because, "all tracing")
 
 
 def image_effects(

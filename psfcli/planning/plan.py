@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,13 @@ from psfcli.image.ensquared import default_half_widths
 from psfcli.image.grid import Detector
 from psfcli.image.result import SurfaceScatter
 from psfcli.image.scatter import scatter_table
-from psfcli.planning.displacement import displacements, negligible, sensitivity, without_coefficients
+from psfcli.planning.displacement import displacements, sensitivity
 from psfcli.planning.effects import Effect, aberration_effects, grid_effects, image_effects, scatter_effects
 from psfcli.planning.resources import Resources, resources
 from psfcli.planning.sharing import Computation, each_by_itself, shared_computations
 from psfcli.planning.smoothness import Smoothness, smooth_enough
 from psfcli.surface.surface import Surface
+from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Telescope
 from psfcli.tolerance import Tolerance
 
@@ -102,13 +103,15 @@ def plan_scene(
     boxes = default_half_widths(detector.pixel, detector.pixels) if half_widths is None else np.sort(half_widths)
     boxes = boxes if with_boxes else boxes[:0]
     sizes = displacements(telescope, fields)
-    spread = 2.0 * sum(sizes.values())
-    reach = max(math.sqrt(2.0) * float(boxes.max(initial=0.0)), detector.farthest() if with_cube else 0.0) + spread
+    farthest = sum(sizes.values())
+    reach = (
+        max(math.sqrt(2.0) * float(boxes.max(initial=0.0)), detector.farthest() if with_cube else 0.0) + 2.0 * farthest
+    )
     scatter = tuple(scatter_table(surfaces, telescope, wavelength) for wavelength in wavelengths)
     specular_fractions = tuple(math.exp(-sum(row.g for row in rows)) for rows in scatter)
     share = 0.0 if everything else SHARE
     allowed = Tolerance(share * tolerance.pixel, share * tolerance.ee)
-    pixels_to = detector.farthest() + spread if with_cube else 0.0
+    pixels_to = detector.farthest() + 2.0 * farthest if with_cube else 0.0
     smooth = tuple(smooth_enough(surfaces, telescope, wavelength, pixels_to, allowed) for wavelength in wavelengths)
     worth = sensitivity(
         {wavelength: each.surfaces for wavelength, each in zip(wavelengths, smooth, strict=True)},
@@ -117,8 +120,10 @@ def plan_scene(
         detector if with_cube else None,
         float(boxes.min(initial=math.inf)),
     )
-    negligible_ones, shifted = negligible({} if everything else sizes, worth, allowed)
-    modelled = without_coefficients(telescope, negligible_ones)
+    displaced = worth.change(farthest) if farthest else Tolerance(0.0, 0.0)
+    unaberrated = not everything and displaced.pixel <= allowed.pixel and displaced.ee <= allowed.ee
+    modelled = replace(telescope, seidel=SeidelTable()) if unaberrated else telescope
+    shifted = displaced if unaberrated else Tolerance(0.0, 0.0)
     rough = [each.scatters for each in smooth]
     computations = (
         each_by_itself(fields, len(wavelengths))
@@ -153,7 +158,7 @@ def plan_scene(
         ),
         effects=(
             *_scatter_effects(surfaces, telescope, wavelengths, smooth),
-            *aberration_effects(sizes, negligible_ones, worth),
+            *aberration_effects(sizes, worth, modelled=modelled.seidel != SeidelTable()),
             *image_effects(computations, _field_names(telescope, fields), _wavelength_names(wavelengths)),
             *grid_effects(detector, with_cube=with_cube, boxes=int(boxes.size), distance=reach),
         ),

@@ -12,9 +12,9 @@ _BYTES = 8
 _TOGETHER = 8  # fields computed at a time: more gain nothing
 _PIXELS_TOGETHER = 1_000_000  # of all fields computed at a time
 _WORTH_A_POOL = 24  # images: fewer are done before processes have started
-_PROCESS = 110e6  # the interpreter, its libraries and the tables of a scene
+_PROCESS = 150e6  # the interpreter, its libraries, rays and tables of a scene
 _WORKER = 60e6  # what a process forked from it takes besides
-_COPIES = 4  # of an image, where it is computed, turned and written: itself, a product of matrices, a twin, a plane
+_COPIES = 3  # of an image being made: itself, a product of matrices before it is added, a twin or a plane for a file
 _PER_IMAGE = 2500.0  # bytes kept of each image's spot and errors, and of each of its squares
 _PER_SQUARE = 200.0
 
@@ -44,17 +44,21 @@ def resources(
     """
     values = 0 if detector is None else sum((detector.pixels * scale) ** 2 for scale in {1, detector.oversample})
     plane = _BYTES * values
-    together = max(1, min(_TOGETHER, _PIXELS_TOGETHER // max(values, 1)))
+    most_together = max(1, min(_TOGETHER, _PIXELS_TOGETHER // max(values, 1)))
     if jobs is None:
         jobs = (os.cpu_count() or 1) if computations > _WORTH_A_POOL else 1
-    jobs = max(1, min(jobs, math.ceil(computations / together)))
+    jobs = max(1, min(jobs, computations))
+    together = min(most_together, math.ceil(computations / jobs))
     kept = images * (_PER_IMAGE + boxes * _PER_SQUARE)
 
     def memory(jobs: int, together: int) -> float:
-        # alone, images are handed on one by one; a worker hands on all it computes, and some wait
-        workers = jobs * (_WORKER + (_COPIES + 2 * together) * plane) if jobs > 1 else 0.0
-        return _PROCESS + kept + _COPIES * plane + workers
+        alone = _PROCESS + kept + _COPIES * plane
+        if jobs == 1:
+            return alone
+        # a worker hands on all it computes together, and as many wait here as there are workers and one more
+        return alone + (jobs + 1) * together * plane + jobs * (_WORKER + (_COPIES - 1 + together) * plane)
 
-    while memory(jobs, together) > most and (jobs > 1 or together > 1):
+    while memory(jobs, together) > most and jobs > 1:
         together, jobs = (together // 2, jobs) if together > 1 else (together, jobs - 1)
+    together = together if jobs > 1 else most_together  # alone, they are handed on one by one
     return Resources(jobs, together, memory(jobs, together), float(plane * images))

@@ -39,7 +39,7 @@ FLOOR = 1e-30
 """Light below which a pixel need only not be negative (contract, section 4)."""
 _CLIPPED = 0.25  # wavelengths: the clip acts at smaller separations alone
 _CLIP_LIGHT = 4.3
-_STEP_ERROR = 1e-2  # relative, of the difference compared
+_STEP_ERROR = 1e-2  # relative, of the densities compared and of their difference
 _RADII_PER_E_FOLD = 8
 
 
@@ -122,7 +122,7 @@ def pixel_change(
 ) -> float:
     """A bound of the relative change of any pixel within ``distance`` [mm] without the terms at ``places``.
 
-    Exact to about a hundredth where it comes near ``allowed``; inf where there is none.
+    Exact to a twentieth where it comes near ``allowed``; inf where there is none.
     """
     if distance == 0.0 or energy_change(surfaces, places, wavelength) < FLOOR:
         return 0.0
@@ -142,7 +142,7 @@ def pixel_change(
         return math.inf
     scattered = float(np.max((np.abs(difference) + clip * math.exp(b) * math.expm1(eta)) / lit))
     unscattered = math.expm1(_mean_count(surfaces, wavelength) - _mean_count(rest, wavelength))
-    return max((1.0 + _STEP_ERROR) * scattered + error, unscattered)
+    return max((1.0 + 5.0 * _STEP_ERROR) * scattered + error, unscattered)
 
 
 def _densities(
@@ -168,6 +168,7 @@ def _densities(
     part, part_doubt = mixing_density(variance, kept, _mean_count(rest, wavelength), error)
     e_folds = max(math.log(distance**2 / low), 0.0)
     radius = distance * np.exp(-np.linspace(0.0, 0.5 * e_folds, 2 + int(_RADII_PER_E_FOLD * e_folds)))
+    radius[-1] = 0.0
     S, difference = (GaussianMixture(step * c, variance).density(radius) for c in (whole, whole - part))
     return S, difference, doubt + part_doubt + 2.0 * error
 
