@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,8 +96,14 @@ def test_a_smooth_enough_term_falls_out_and_its_bound_is_kept_everywhere():
     assert images[0, 0].reached.ee >= scene.left_out[0].ee == skipped.ee
     assert images[0, 0].reached.pixel >= scene.left_out[0].pixel == skipped.pixel
     pixel, ee = apart(scene, images[0, 0], fine_full[0, 0])
-    assert 0.0 < pixel <= images[0, 0].reached.pixel
-    assert ee <= images[0, 0].reached.ee
+    # what is told is an estimate, to be trusted to a factor of three
+    assert 0.0 < pixel <= 3.0 * images[0, 0].reached.pixel
+    assert ee <= 3.0 * images[0, 0].reached.ee
+    # the rule alone: a finer calculation with and without it
+    ((_, _, bare),) = recipe.images(replace(fine_scene, modelled_surfaces=scene.modelled_surfaces))
+    pixel, ee = apart(fine_scene, bare, fine_full[0, 0])
+    assert pixel <= scene.left_out[0].pixel + 2.0 * fine.tolerance.pixel
+    assert ee <= scene.left_out[0].ee + 2.0 * fine.tolerance.ee
     assert effect(fine_scene, "scatter of secondary").modelled
 
 
@@ -198,10 +205,15 @@ def test_aberrations_fall_out_where_no_edge_and_no_slope_notices_them():
     assert effect(scene, "aberration W020").because == "zero"
     assert scene.modelled_telescope.seidel == SeidelTable()
     fine = paper(*ODD, TINY, LARGE, accuracy=Tolerance(1e-7, 1e-9))
-    _, full = planned(fine, everything=True)
+    fine_scene, full = planned(fine, everything=True)
+    ((_, _, bare),) = recipe.images(replace(fine_scene, modelled_telescope=scene.modelled_telescope))
+    pixel, ee = apart(fine_scene, bare, full[0, 0])
+    assert pixel <= scene.left_out[0].pixel + 2.0 * fine.tolerance.pixel
+    assert ee <= scene.left_out[0].ee + 2.0 * fine.tolerance.ee
     pixel, ee = apart(scene, images[0, 0], full[0, 0])
-    assert pixel <= images[0, 0].reached.pixel
-    assert ee <= images[0, 0].reached.ee
+    # what is told is an estimate, to be trusted to a factor of three
+    assert pixel <= 3.0 * images[0, 0].reached.pixel
+    assert ee <= 3.0 * images[0, 0].reached.ee
     # the spot told is that of the telescope as it is
     assert images[0, 0].spot == full[0, 0].spot
     assert images[0, 0].spot.chief_y != 0.0
@@ -211,7 +223,7 @@ def test_aberrations_fall_out_where_no_edge_and_no_slope_notices_them():
     "change",
     [
         "detector.centre=middle",  # of 10 pixels and 3 sub-pixels each: light on edges
-        "ensquared_energy={half_widths: [1 nm]}",  # a square smaller than the spot
+        "ensquared_energy={half_widths: [0.05 nm]}",  # a square smaller than the spot
         "detector.offset=[3.5 um, 0 um]",  # the edge of a sub-pixel
         "telescope.seidel={reference_wavelength: 9.4 nm, W040: 1}",  # too far for the slope of the scatter
     ],

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from psfcli.planning.effects import Effect
     from psfcli.planning.plan import Plan
     from psfcli.prediction import Trials
+    from psfcli.tolerance import Tolerance
 
 _MOST_ALIKE = 6  # effects of one kind and state shown; the manifest of a run lists them all
 
@@ -56,14 +57,20 @@ def describe(system: System, formats: Sequence[str], jobs: int | None, max_memor
         + (f", oversampled {scene.detector.oversample}" if scene.with_cube else ", none computed"),
         _boxes(scene),
         f"asked       pixel error {asked.pixel:.1e}, ensquared energy {asked.ee:.1e}",
-        f"predicted   pixel error {worst.pixel:.1e}, ensquared energy {worst.ee:.1e}"
-        + (": not met, a run would end with 3" if worst.pixel > asked.pixel or worst.ee > asked.ee else ""),
+        f"predicted   {_reached(scene, worst)}",
         f"time        about {seconds:.2g} s beyond start-up and writing, by {needs.jobs} job{'s' * (needs.jobs > 1)}",
         f"memory      {1e-6 * needs.memory:.0f} MB of {1e-6 * allowed:.0f} MB allowed; cubes of "
         f"{1e-6 * needs.output:.1f} MB",
         *(f"warning     {warning}" for warning in scene.warnings),
     ]
     return "\n".join(lines).lstrip("\n")
+
+
+def _reached(scene: Plan, worst: Tolerance) -> str:
+    asked = scene.tolerance
+    pixels = f"pixel error {worst.pixel:.1e}, " if scene.with_cube else ""
+    missed = ": not met, a run would end with 3" if worst.pixel > asked.pixel or worst.ee > asked.ee else ""
+    return f"{pixels}ensquared energy {worst.ee:.1e}{missed}"
 
 
 def _boxes(scene: Plan) -> str:
