@@ -74,7 +74,7 @@ def test_no_pixel_and_no_square_changes_by_more_than_the_bound_of_a_term(seed):
 
 
 @pytest.mark.parametrize("nu", [1e-3, 0.05, 0.4, 1.0, 3.0, 20.0])
-@pytest.mark.parametrize("waves", [1.0, 10.0, 1e3, 1e6])  # B in wavelengths
+@pytest.mark.parametrize("waves", [0.01, 0.1, 1.0, 10.0, 1e3, 1e6])  # B in wavelengths
 def test_the_clip_acts_at_separations_below_a_quarter_of_the_wavelength_alone(nu, waves):
     # the exponent of a term is a [rho - 1] + a (1 + (B/lambda)^2)^-nu
     beyond = math.exp(-nu * math.log1p(waves**2))
@@ -306,5 +306,10 @@ def test_everything_models_all_but_what_is_exactly_nothing():
 def test_planning_warns_of_nothing_at_the_extremes():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for psd in ("{sigma: 1e-30 nm, B: 1 mm, C: 1.001}", "{sigma: 900 nm, B: 1 km, C: 1000}", "[]"):
+        for psd in (
+            "{sigma: 1e-30 nm, B: 1 mm, C: 1.001}",
+            "{sigma: 1e-200 nm, B: 1 mm, C: 2}",
+            "{sigma: 900 nm, B: 1 km, C: 1000}",
+            "[]",
+        ):
             recipe.plan(paper(f"surfaces.0.psd={psd}", "surfaces.1.psd={sigma: 1e-5 nm, B: 1 nm, C: 1.05}"))

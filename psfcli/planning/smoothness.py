@@ -127,7 +127,7 @@ def pixel_change(
     if distance == 0.0 or energy_change(surfaces, places, wavelength) < FLOOR:
         return 0.0
     rest = without(surfaces, places)
-    if not any(surface.psd for surface in rest):
+    if not scatter_terms(rest, telescope, wavelength):
         return math.inf
     try:
         S, difference, error = _densities(surfaces, rest, telescope, wavelength, distance, 0.01 * allowed)
