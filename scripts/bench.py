@@ -7,6 +7,7 @@ thread throughout.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -41,17 +42,22 @@ PAPER = ROOT / "configs" / "euv_two_mirror.yaml"
 IMPORTS = "import click, yaml, numpy, scipy.special, astropy.io.fits, OpenEXR"
 
 
-def seconds(task: Callable[[], object]) -> float:
-    """Wall time of one call."""
-    started = time.perf_counter()
+def seconds(task: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
+    """Time of one call, wall time unless told."""
+    started = clock()
     task()
-    return time.perf_counter() - started
+    return clock() - started
 
 
-def ratio(ours: Callable[[], object], theirs: Callable[[], object], repetitions: int = 5) -> tuple[float, float, float]:
+def ratio(
+    ours: Callable[[], object],
+    theirs: Callable[[], object],
+    repetitions: int = 5,
+    clock: Callable[[], float] = time.perf_counter,
+) -> tuple[float, float, float]:
     """Median of ours/theirs over paired calls after one warm-up of each, and the two median times."""
     ours(), theirs()
-    pairs = [(seconds(ours), seconds(theirs)) for _ in range(repetitions)]
+    pairs = [(seconds(ours, clock), seconds(theirs, clock)) for _ in range(repetitions)]
     return (
         statistics.median(a / b for a, b in pairs),
         statistics.median(a for a, _ in pairs),
@@ -187,8 +193,100 @@ def sweep() -> None:
         print(f"6 fields in one process / 6 processes one after the other: {value:.2f}  ({ours:.2f} s, {theirs:.2f} s)")
 
 
+# scenes in which one rule each bites: overrides of the paper's case, its fields, and the products asked for
+RING = [f"{{radius: 0.4 deg, azimuth: {azimuth} deg}}" for azimuth in range(0, 360, 30)]
+SCENES: dict[str, tuple[list[str], list[str], dict[str, bool]]] = {
+    "twelve fields around the axis": ([], RING, {}),
+    "twelve fields around the axis, squares alone": ([], RING, {"with_cube": False}),
+    "a secondary of 5 pm at 500 nm": (
+        [
+            "wavelengths=[500 nm]",
+            "surfaces.0.psd={sigma: 20 nm, B: 1 mm, C: 1.8}",
+            "surfaces.1.psd={sigma: 0.005 nm, B: 1 mm, C: 2.5}",
+        ],
+        ["0.5 deg"],
+        {},
+    ),
+    "the same secondary, squares alone of a hundred fields": (
+        [
+            "wavelengths=[500 nm]",
+            "surfaces.0.psd={sigma: 20 nm, B: 1 mm, C: 1.8}",
+            "surfaces.1.psd={sigma: 0.005 nm, B: 1 mm, C: 2.5}",
+            "fields={start: 0 deg, stop: 0.5 deg, count: 100}",
+        ],
+        [],
+        {"with_cube": False},
+    ),
+    "smooth mirrors at six wavelengths": (
+        ["wavelengths=[9.4 nm, 13 nm, 17 nm, 19 nm, 28 nm, 30 nm]", "surfaces.0.psd=[]", "surfaces.1.psd=[]"],
+        ["0.5 deg"],
+        {},
+    ),
+    "no aberrations, eleven fields": (
+        ["telescope.seidel={reference_wavelength: 9.4 nm}", "fields={start: 0 deg, stop: 0.5 deg, count: 11}"],
+        [],
+        {},
+    ),
+}
+
+
+def skipping() -> None:
+    """What planning saves: processor time with nothing skipped or shared over that as planned, planning included."""
+    for name, (overrides, fields, products) in SCENES.items():
+        system = psfcli.load(PAPER, overrides, fields or None)
+
+        def images(
+            everything: bool, system: psfcli.config.System = system, products: dict[str, bool] = products
+        ) -> Callable[[], None]:
+            def compute() -> None:
+                for _ in recipe.images(recipe.plan(system, everything=everything, **products)):
+                    pass
+
+            return compute
+
+        scene = recipe.plan(system, **products)
+        value, full, ours = ratio(images(True), images(False), clock=time.process_time)
+        print(
+            f"nothing skipped / as planned, {name}: {value:.2f}  ({full:.3f} s, {ours:.3f} s; "
+            f"{len(scene.computations)} of {len(scene.wavelengths) * len(scene.fields)} images computed)"
+        )
+
+    def planned(*overrides: str, **products: bool) -> Callable[[], object]:
+        system = psfcli.load(PAPER, overrides)
+        return lambda: list(recipe.images(recipe.plan(system, **products)))
+
+    value, full, ours = ratio(planned(), planned(with_cube=False), clock=time.process_time)
+    print(f"all products / squares alone, the paper's case: {value:.2f}  ({full:.3f} s, {ours:.3f} s)")
+    apart, alike = (planned(f"surfaces.1.marginal_height={height} mm") for height in (94.9, 95))
+    value, full, ours = ratio(apart, alike, clock=time.process_time)
+    print(f"mirrors at almost one distance / at one, whose terms are one: {value:.2f}  ({full:.3f} s, {ours:.3f} s)")
+
+
+def thousand_fields() -> None:
+    """The memory of a thousand fields of 64 x 64 pixels and as many times 25 sub-pixels."""
+    many = "fields={start: 0 deg, stop: 0.5 deg, count: 1000}"
+    # VmHWM: what the process alone took, for ru_maxrss counts what started it, too
+    code = (
+        "import resource, sys\nfrom psfcli.cli import main\ntry:\n    main(sys.argv[1:])\nexcept SystemExit:\n"
+        "    mine = next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM'))\n"
+        "    print(mine, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+    )
+    with tempfile.TemporaryDirectory() as directory:
+        run = ["run", str(PAPER), "-o", directory, "--set", many, "--format", "fits,csv", "-q", "--max-memory", "300MB"]
+        done = subprocess.run([sys.executable, "-c", code, *run], capture_output=True, text=True, check=True)
+        mine, workers = (float(kB) / 1e3 for kB in done.stdout.splitlines()[-1].split())
+        plan = json.loads((Path(directory) / "manifest.json").read_text())["plan"]
+    planned = f"{plan['jobs']} jobs; planned {1e-6 * plan['memory_bytes']:.0f} MB"
+    print(
+        f"1000 fields x 64 x 64, oversample 5, fits and csv within 300 MB: {mine:.0f} MB by the process, "
+        f"{workers:.0f} MB by the largest of its workers ({planned})"
+    )
+
+
 if __name__ == "__main__":
     against_fft_and_rays()
     large_kernel()
     whole_run()
     sweep()
+    skipping()
+    thousand_fields()

@@ -74,9 +74,10 @@ def _told(error: Exception) -> int | None:
     if isinstance(error, OutputError):
         click.echo(str(error), err=True)
         return 4
-    if "psfcli.recipe" in sys.modules and isinstance(error, sys.modules["psfcli.recipe"].SceneError):
+    recipe = sys.modules.get("psfcli.recipe")
+    if recipe is not None and isinstance(error, recipe.SceneError):
         click.echo(str(error), err=True)
-        return 1
+        return 3 if isinstance(error, recipe.AccuracyUnreachable) else 1
     return None
 
 

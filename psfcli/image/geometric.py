@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from psfcli.image.quadrature import gauss_panels
 from psfcli.image.result import Spot
 from psfcli.telescope.aberration import transverse_aberration_along_azimuths
+from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Telescope
 
 Real = NDArray[np.float64]
@@ -54,6 +55,12 @@ class GeometricalImage:
     azimuthal_length: float
     mirror_symmetric: bool
 
+    @property
+    def is_a_point(self) -> bool:
+        """Whether all rays land together: any one of them tells where."""
+        spot = self.spot
+        return spot.x_min == spot.x_max and spot.y_min == spot.y_max
+
 
 def azimuth_rule(telescope: Telescope, field: Field, count: int) -> Real:
     """Midpoints of ``count`` equal slices of the lit pupil azimuths [rad].
@@ -86,8 +93,10 @@ def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int, *,
     """Rays at the nodes of a quadrature of the uniformly lit pupil (Gauss in rho^2; in azimuth the trapezoid rule on
 
     a full annulus, Gauss on a sector). ``half``, for mirror-symmetric images and an even number of ``azimuths``:
-    those on one side of the field direction, standing for both.
+    those on one side of the field direction, standing for both. Without aberrations one ray stands for all.
     """
+    if telescope.seidel == SeidelTable():
+        return RayBundle(np.ones(1), np.zeros(1), np.zeros(1))
     inner = telescope.pupil.obscuration**2
     node, weight = gauss_panels(radii)
     rho = np.sqrt(inner + (1.0 - inner) * 0.5 * (node + 1.0))

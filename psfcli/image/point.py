@@ -56,10 +56,12 @@ def wavelength_scatter(
     half_width: Real,
     reach: float,
     tolerance: Tolerance,
+    *,
+    with_cube: bool = True,
 ) -> WavelengthScatter:
     """What every field at ``wavelength`` [mm] shares: boxes of increasing ``half_width`` [mm] included.
 
-    ``reach`` [mm] bounds the distances asked for.
+    ``reach`` [mm] bounds the distances asked for. Without a cube nobody asks for the light outside the window.
     """
     halo = scattered_light(surfaces, telescope, wavelength, reach, tolerance)
     finer = scattered_light(surfaces, telescope, wavelength, reach, _finer(tolerance))
@@ -72,9 +74,9 @@ def wavelength_scatter(
         squares=square_response(halo.mixture, half_width),
         judged=judged,
         judge=square_response(finer.mixture, half_width[judged]),
-        energy_error=float(difference.max()) if rough else 0.0,
+        energy_error=float(difference.max(initial=0.0)) if rough else 0.0,
         density_error=_density_error(halo, finer, reach) if rough else 0.0,
-        encircled=encircled_energy(surfaces, telescope, wavelength, tolerance) if rough else None,
+        encircled=encircled_energy(surfaces, telescope, wavelength, tolerance) if rough and with_cube else None,
     )
 
 
@@ -87,7 +89,7 @@ def field_images(
     *,
     with_cube: bool,
 ) -> Iterator[FieldImage]:
-    """The images of ``fields``: pixels (when ``with_cube``), ensquared energy, light outside, errors reached."""
+    """The images of ``fields``: ensquared energy, errors reached and, ``with_cube``, pixels and the light outside."""
     points = [geometrical_image(telescope, field) for field in fields]
     energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance)
     for point, (ensquared, scattered, error) in zip(points, energies, strict=True):
@@ -110,10 +112,9 @@ def _field_image(
 ) -> FieldImage:
     """The image of one point, whose ensquared energy and its error are known."""
     halo = scatter.halo
-    outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
-    psf = psf_over = None
+    psf = psf_over = outside = None
     pixel_error = 0.0
-    ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width[0]))
+    ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width.min(initial=math.inf)))
     if with_cube:
         image = composite_image(point, halo, detector, tolerance)
         fine = image.light
@@ -126,6 +127,7 @@ def _field_image(
         n, m = detector.pixels, detector.oversample
         psf = fine if m == 1 else fine.reshape(n, m, n, m).sum(axis=(1, 3))
         psf_over = None if m == 1 else fine
+        outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
         # inside and outside come by different roads: what they lack together is an error of one of them
         ee_error = max(ee_error, abs(1.0 - outside - float(psf.sum())))
     return FieldImage(

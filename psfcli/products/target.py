@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import shutil
 from typing import TYPE_CHECKING
 
-from psfcli.products.atomic import TEMPORARY, OutputError
+from psfcli.products.atomic import TEMPORARY, OutputError, output_errors
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
+
+    from psfcli.image.grid import Detector
 
 FORMATS = ("fits", "exr", "csv")
 FITS = "psf.fits"
@@ -22,6 +28,26 @@ def products_in(directory: Path, names: re.Pattern[str] = _NAMES) -> list[str]:
     if not directory.is_dir():
         return []
     return sorted(p.name for p in directory.iterdir() if names.fullmatch(p.name))
+
+
+def cube_bytes(detector: Detector, images: int, formats: Sequence[str]) -> int:
+    """The room that cubes of so many ``images`` need while they are written."""
+    values = sum((detector.pixels * scale) ** 2 for scale in {1, detector.oversample})
+    # exr: float32, and the same again until a file is whole
+    return images * values * (8 * ("fits" in formats) + 2 * 4 * ("exr" in formats))
+
+
+def check_room(directory: Path, needed: int) -> None:
+    """Raise OutputError where ``directory`` cannot be written, or made, or its disk lacks ``needed`` bytes."""
+    with output_errors(directory):
+        place = next(path for path in (directory, *directory.absolute().parents) if path.exists())
+        if not place.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, "", str(directory))
+        if not os.access(place, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, "", str(directory))
+        free = shutil.disk_usage(place).free
+    if needed > free:
+        raise OutputError(f"{directory}: the products need {needed:.3g} bytes, the disk has {free:.3g} free")
 
 
 def check_target(directory: Path, *, overwrite: bool, names: re.Pattern[str] = _NAMES, last: str = MANIFEST) -> None:

@@ -103,8 +103,8 @@ def mixing_density(
 ) -> tuple[Real, float]:
     """c(v) [per unit of ln v] at increasing variances ``v`` [mm^2], same shape, and its relative error at the switch.
 
-    ``total_variance`` is G; ``error`` is what the trapezoid rule along the rays may leave, exp(-2 pi (pi/6)/step) on the
-    core ray, of the largest term: in the valley between a narrow and a wide one the density is many decades below
+    ``total_variance`` is G; ``error`` is what the trapezoid rule along the rays may leave, exp(-2 pi (pi/6)/step) on
+    the core ray, of the largest term: in the valley between a narrow and a wide one the density is many decades below
     both. The error that comes back is rounding up to C = 6, some 1e-12 at C = 8, 1e-7 at C = 12, and
     grows with C and G. Raises MixtureError where the density is not finite or holds more light than is scattered: it
     is then a difference of huge numbers.

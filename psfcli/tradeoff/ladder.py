@@ -8,6 +8,7 @@ from functools import partial
 
 from psfcli import recipe
 from psfcli.config.model import System
+from psfcli.image.geometric import spot_statistics
 from psfcli.image.result import FieldImage
 from psfcli.telescope.system import Field
 from psfcli.tolerance import PRESETS, Tolerance
@@ -37,7 +38,7 @@ class Tradeoff:
 
 def demanding(system: System) -> System:
     """The system at its shortest wavelength, where most light scatters, and in the field of the largest rms spot."""
-    spots = recipe.plan(system, with_cube=False).spots
+    spots = [spot_statistics(system.telescope, field) for field in system.fields]
     size = [spot.rms_x**2 + spot.rms_y**2 for spot in spots]
     field: Field = system.fields[size.index(max(size))]
     return replace(system, wavelengths=(min(system.wavelengths),), fields=(field,))
@@ -62,9 +63,9 @@ def measure(system: System, limits: Limits, progress: Callable[[str], None], *, 
     """
     image = demanding(system)
     scene = recipe.plan(image)
-    if scene.memory > limits.memory:
+    if scene.resources.memory > limits.memory:
         raise recipe.SceneError(
-            f"an image needs {1e-6 * scene.memory:.0f} MB of memory and may use {1e-6 * limits.memory:.0f} MB; "
+            f"an image needs {1e-6 * scene.resources.memory:.0f} MB of memory and may use {1e-6 * limits.memory:.0f} MB; "
             "fewer pixels or a smaller oversample would do"
         )
     progress("truth, ten times finer than reference")
