@@ -36,7 +36,8 @@ class WavelengthScatter:
 
     ``squares`` are the boxes of the ensquared energy, ``judged`` the places of some of them and ``judge`` the finer
     light in these. ``energy_error`` is the largest difference between the two in any box without aberrations, as a
-    fraction of all light; ``density_error`` the largest between their densities, relative, at any distance.
+    fraction of all light; ``density_error`` holds distances [mm] and how their densities differ
+    there, relative.
     """
 
     halo: Halo
@@ -45,7 +46,7 @@ class WavelengthScatter:
     judged: slice
     judge: SquareResponse
     energy_error: float
-    density_error: float
+    density_error: tuple[Real, Real]
     encircled: EncircledEnergy | None
 
 
@@ -75,7 +76,7 @@ def wavelength_scatter(
         judged=judged,
         judge=square_response(finer.mixture, half_width[judged]),
         energy_error=float(difference.max(initial=0.0)) if rough else 0.0,
-        density_error=_density_error(halo, finer, reach) if rough else 0.0,
+        density_error=_density_error(halo, finer, reach) if rough else (np.zeros(1), np.zeros(1)),
         encircled=encircled_energy(surfaces, telescope, wavelength, tolerance) if rough and with_cube else None,
     )
 
@@ -120,7 +121,9 @@ def _field_image(
         fine = image.light
         corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
         pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
-        pixel_error += scatter.density_error + _probed_error(image, point, scatter, detector, tolerance)
+        radius, difference = scatter.density_error
+        pixel_error += float(np.max(difference, where=radius <= corner, initial=0.0))  # no blur makes it larger
+        pixel_error += _probed_error(image, point, scatter, detector, tolerance)
         pixel_error += image.unresolved
         if image.error > tolerance.ee:
             pixel_error += (image.error - tolerance.ee) / float(fine.max())
@@ -140,13 +143,13 @@ def _field_image(
     )
 
 
-def _density_error(halo: Halo, finer: Halo, reach: float) -> float:
-    """The largest relative difference of the two densities from the core to ``reach`` [mm]: no blur makes it larger."""
+def _density_error(halo: Halo, finer: Halo, reach: float) -> tuple[Real, Real]:
+    """Distances [mm] from the core to ``reach`` and how the two densities differ there, relative."""
     core = math.sqrt(float(finer.mixture.variance.min()))
     r = np.append(0.0, np.geomspace(min(0.1 * core, reach), reach, _RADII))
     truth = finer.mixture.density(r)
     lit = truth > 0.0
-    return float(np.max(np.abs(halo.mixture.density(r)[lit] / truth[lit] - 1.0), initial=0.0))
+    return r[lit], np.abs(halo.mixture.density(r)[lit] / truth[lit] - 1.0)
 
 
 def _finer(tolerance: Tolerance) -> Tolerance:
