@@ -53,7 +53,7 @@ def drawn(seed):
 @pytest.mark.parametrize("seed", range(24))
 def test_no_pixel_and_no_square_changes_by_more_than_the_bound_of_a_term(seed):
     surfaces, place, wavelength, distance = drawn(seed)
-    pixel = pixel_change(surfaces, [place], TELESCOPE, wavelength, distance, 1e-6)
+    pixel = pixel_change(surfaces, [place], TELESCOPE, wavelength, distance)
     try:
         whole, part = (
             scattered_light(some, TELESCOPE, wavelength, max(distance, 30.0), FINE)

@@ -80,7 +80,7 @@ def smooth_enough(
     def change(places: Sequence[Place]) -> Tolerance:
         ee = energy_change(surfaces, places, wavelength)
         asked = ee <= allowed.ee
-        pixel = pixel_change(surfaces, places, telescope, wavelength, distance, allowed.pixel) if asked else math.nan
+        pixel = pixel_change(surfaces, places, telescope, wavelength, distance) if asked else math.nan
         return Tolerance(pixel, min(ee, 1.0))
 
     places = [(j, i) for j, surface in enumerate(surfaces) for i in range(len(surface.psd))]
@@ -118,11 +118,10 @@ def pixel_change(
     telescope: Telescope,
     wavelength: float,
     distance: float,
-    allowed: float,
 ) -> float:
     """A bound of the relative change of any pixel within ``distance`` [mm] without the terms at ``places``.
 
-    Exact to a twentieth where it comes near ``allowed``; inf where there is none.
+    Exact to a twentieth; inf where there is none.
     """
     if distance == 0.0 or energy_change(surfaces, places, wavelength) < FLOOR:
         return 0.0
@@ -130,7 +129,7 @@ def pixel_change(
     if not scatter_terms(rest, telescope, wavelength):
         return math.inf
     try:
-        S, difference, error = _densities(surfaces, rest, telescope, wavelength, distance, 0.01 * allowed)
+        S, difference, error = _densities(surfaces, rest, telescope, wavelength, distance)
     except MixtureError:
         return math.inf
     b = beyond_horizon(surfaces, wavelength)
@@ -151,7 +150,6 @@ def _densities(
     telescope: Telescope,
     wavelength: float,
     distance: float,
-    error: float,
 ) -> tuple[Real, Real, float]:
     """S of all ``surfaces`` at distances up to ``distance`` [mm], its excess over S of the ``rest``, and the error of
 
@@ -164,13 +162,13 @@ def _densities(
     high = max(distance, *widths) ** 2 * _STEP_ERROR ** (-1.0 / (1.0 + min(term.nu for term in terms)))
     step = trapezoid_step(_STEP_ERROR, steepest, G)
     variance = np.exp(np.arange(math.log(low), math.log(high), step))
-    whole, doubt = mixing_density(variance, terms, G, error)
-    part, part_doubt = mixing_density(variance, kept, _mean_count(rest, wavelength), error)
+    whole, doubt = mixing_density(variance, terms, G)
+    part, part_doubt = mixing_density(variance, kept, _mean_count(rest, wavelength))
     e_folds = max(math.log(distance**2 / low), 0.0)
     radius = distance * np.exp(-np.linspace(0.0, 0.5 * e_folds, 2 + int(_RADII_PER_E_FOLD * e_folds)))
     radius[-1] = 0.0
     S, difference = (GaussianMixture(step * c, variance).density(radius) for c in (whole, whole - part))
-    return S, difference, doubt + part_doubt + 2.0 * error
+    return S, difference, doubt + part_doubt
 
 
 def _mean_count(surfaces: Sequence[Surface], wavelength: float) -> float:
