@@ -65,7 +65,8 @@ def measure(system: System, limits: Limits, progress: Callable[[str], None], *, 
     scene = recipe.plan(image)
     if scene.resources.memory > limits.memory:
         raise recipe.SceneError(
-            f"an image needs {1e-6 * scene.resources.memory:.0f} MB of memory and may use {1e-6 * limits.memory:.0f} MB; "
+            f"an image needs {1e-6 * scene.resources.memory:.0f} MB of memory and may use "
+            f"{1e-6 * limits.memory:.0f} MB; "
             "fewer pixels or a smaller oversample would do"
         )
     progress("truth, ten times finer than reference")
