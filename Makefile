@@ -1,4 +1,4 @@
-# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, accuracy, clean.
+# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, figures, extremes, accuracy, clean.
 # All of them install what they need into $(VENV); nothing but Python 3.11 or later with venv is asked of the machine.
 
 PYTHON ?= python3
@@ -32,7 +32,7 @@ PSFCLI := $(VENV)/bin/psfcli
 SWEEP_NEEDS := $(INSTALLED)
 endif
 
-.PHONY: run test lint golden golden-update sweep bench accuracy clean always
+.PHONY: run test lint golden golden-update sweep bench figures extremes accuracy clean always
 .DELETE_ON_ERROR:
 .SUFFIXES:
 
@@ -60,6 +60,13 @@ bench: $(INSTALLED_ALL)
 # make accuracy N=1000 SEED=1: random systems held against the judge of the tests
 accuracy: $(INSTALLED_ALL)
 	$(VENV)/bin/python scripts/accuracy.py $(N) --seed $(SEED) $(ACCURACY_ARGS)
+
+# every picture and measured table of README.md and docs/, and the price tags of psfcli run --help
+figures: $(INSTALLED_ALL)
+	$(VENV)/bin/python scripts/figures.py
+
+extremes: $(INSTALLED_ALL)
+	$(VENV)/bin/python scripts/extremes.py
 
 # One directory per angle, done when its manifest stands and is younger than the request; then one table of them all.
 sweep: $(SWEPT)
@@ -93,7 +100,7 @@ $(INSTALLED_ALL): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) sweep build dist *.egg-info *_psf .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) sweep build dist *.egg-info *_psf *_tradeoff .mypy_cache .pytest_cache .ruff_cache
 	find psfcli scripts tests -name __pycache__ -prune -exec rm -rf {} +
 
 always:

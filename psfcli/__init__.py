@@ -11,16 +11,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from psfcli.config import ConfigError as ConfigError
     from psfcli.config import load as load
+    from psfcli.products import OutputError as OutputError
+    from psfcli.recipe import SceneError as SceneError
     from psfcli.recipe import plan as plan
     from psfcli.recipe import run as run
     from psfcli.recipe import write as write
 
-__all__ = ["ConfigError", "load", "plan", "run", "write"]
+__all__ = ["ConfigError", "OutputError", "SceneError", "load", "plan", "run", "write"]
 
 
 def __getattr__(name: str) -> Any:
     # imported when asked for, so that the command line starts quickly
-    if name in {"plan", "run", "write"}:
+    if name in {"SceneError", "plan", "run", "write"}:
         from psfcli import recipe
 
         return getattr(recipe, name)
@@ -28,6 +30,10 @@ def __getattr__(name: str) -> Any:
         from psfcli import config
 
         return getattr(config, name)
+    if name == "OutputError":
+        from psfcli import products
+
+        return products.OutputError
     raise AttributeError(f"module 'psfcli' has no attribute {name!r}")
 
 

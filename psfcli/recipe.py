@@ -6,14 +6,17 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
+from psfcli.image.geometric import spot_statistics
 from psfcli.image.point import WavelengthScatter, field_images, wavelength_scatter
 from psfcli.planning.plan import Plan, plan_scene
+from psfcli.planning.sharing import Computation
 from psfcli.products.arrays import Result, gather
 from psfcli.products.header import RunHeader
 from psfcli.products.target import FORMATS
@@ -30,9 +33,21 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 
 
-def plan(system: System, *, with_cube: bool = True, jobs: int = 1) -> Plan:
-    """What the system requires; ``with_cube`` False: ensquared energy alone."""
-    return plan_scene(
+def plan(
+    system: System,
+    *,
+    with_cube: bool = True,
+    with_boxes: bool = True,
+    jobs: int | None = 1,
+    max_memory: float = math.inf,
+    everything: bool = False,
+) -> Plan:
+    """What the system requires; ``with_cube`` False: ensquared energy alone, ``with_boxes`` False: pixels alone.
+
+    ``jobs`` None: as many as pay. ``everything`` skips no effect, however little it changes. Raises AccuracyUnreachable
+    when no way to compute it takes ``max_memory`` bytes or less.
+    """
+    scene = plan_scene(
         system.telescope,
         system.surfaces,
         system.wavelengths,
@@ -41,98 +56,115 @@ def plan(system: System, *, with_cube: bool = True, jobs: int = 1) -> Plan:
         system.half_widths,
         system.tolerance,
         with_cube=with_cube,
+        with_boxes=with_boxes,
         jobs=jobs,
+        max_memory=max_memory,
+        everything=everything,
     )
+    if scene.resources.memory > max_memory:
+        raise AccuracyUnreachable(
+            f"the accuracy asked for cannot be met: a field at a time in one process takes "
+            f"{1e-6 * scene.resources.memory:.0f} MB of memory, {1e-6 * max_memory:.0f} MB are allowed; reached is "
+            "nothing, no product is written; fewer pixels, a smaller oversample, --format csv or a larger --max-memory "
+            "would do"
+        )
+    return scene
 
 
-def images(scene: Plan, jobs: int = 1) -> Iterator[tuple[int, int, FieldImage]]:
-    """Yield (wavelength index, field index, image), wavelength after wavelength, fields in order.
+def plan_of_products(system: System, formats: Sequence[str], *, jobs: int | None, max_memory: float) -> Plan:
+    """What products of some ``formats`` require of the system; nothing that none of them holds."""
+    with_boxes = bool({"fits", "csv"} & set(formats))
+    return plan(system, with_cube=formats_with_cube(formats), with_boxes=with_boxes, jobs=jobs, max_memory=max_memory)
 
-    A few fields are computed together, in this process or in one of ``jobs`` that hold no more of them than there are
-    processes; with one BLAS thread each, so that the numbers do not depend on ``jobs``.
+
+def images(scene: Plan) -> Iterator[tuple[int, int, FieldImage]]:
+    """Yield (wavelength index, field index, image), each image followed by those that are the same but for a turn.
+
+    A few fields are computed together, in this process or in one of several that hold no more of them than there are
+    processes; with one BLAS thread each, so that the numbers do not depend on how many there are.
     """
-    count = len(scene.fields)
-    parts = [range(f, min(f + scene.together, count)) for f in range(0, count, scene.together)]
-    order = [(w, part) for w in range(len(scene.wavelengths)) for part in parts]
+    parts = list(_parts(scene))
     with threadpool_limits(limits=1, user_api="blas"):
-        if jobs == 1:
-            scatter = None
-            for w, part in order:
-                if part.start == 0 or scatter is None:
-                    scatter = _scatter(scene, w)
-                for f, image in zip(part, _images(scene, scatter, part), strict=True):
-                    yield w, f, image
+        if scene.resources.jobs == 1:
+            scatter, of = None, -1
+            for part in parts:
+                if part[0].wavelength_index != of:
+                    of = part[0].wavelength_index
+                    scatter = scatter_at(scene, of)
+                assert scatter is not None
+                for computation, image in zip(part, computed(scene, scatter, part), strict=True):
+                    yield from as_asked_for(scene, computation, image)
             return
         from concurrent.futures import ProcessPoolExecutor  # here, for few runs need them
         from multiprocessing import get_all_start_methods, get_context
 
-        scatters = [_scatter(scene, w) for w in range(len(scene.wavelengths))]
+        jobs = scene.resources.jobs
+        scatters = {w: scatter_at(scene, w) for w in dict.fromkeys(part[0].wavelength_index for part in parts)}
         # forked processes begin with everything loaded and computed so far; elsewhere they load it again
         method = "fork" if "fork" in get_all_start_methods() else "spawn"
         with ProcessPoolExecutor(jobs, get_context(method), _adopt, (scene, scatters)) as pool:
             ahead: deque[Future[list[FieldImage]]] = deque()
-            for i, (w, part) in enumerate(order):
-                while len(ahead) <= jobs and i + len(ahead) < len(order):
-                    ahead.append(pool.submit(_adopted_images, *order[i + len(ahead)]))
-                for f, image in zip(part, ahead.popleft().result(), strict=True):
-                    yield w, f, image
+            for i, part in enumerate(parts):
+                while len(ahead) <= jobs and i + len(ahead) < len(parts):
+                    ahead.append(pool.submit(_adopted_images, parts[i + len(ahead)]))
+                for computation, image in zip(part, ahead.popleft().result(), strict=True):
+                    yield from as_asked_for(scene, computation, image)
 
 
-_adopted: tuple[Plan, list[WavelengthScatter]] | None = None  # what a worker process works on
+def _parts(scene: Plan) -> Iterator[Sequence[Computation]]:
+    """The computations of one wavelength, a few at a time, then those of the next."""
+    for _, same in groupby(scene.computations, key=lambda computation: computation.wavelength_index):
+        together = list(same)
+        for first in range(0, len(together), scene.resources.together):
+            yield together[first : first + scene.resources.together]
 
 
-def _adopt(scene: Plan, scatters: list[WavelengthScatter]) -> None:
+def as_asked_for(scene: Plan, computation: Computation, image: FieldImage) -> Iterator[tuple[int, int, FieldImage]]:
+    """The images that one computed stands for, with what all skipped effects change among the errors reached."""
+    for twin in computation.stands_for:
+        left_out, made = scene.left_out[twin.wavelength_index], twin.symmetry.image(image)
+        if scene.modelled_telescope != scene.telescope:
+            made = replace(made, spot=spot_statistics(scene.telescope, scene.fields[twin.field_index]))
+        reached = Tolerance(made.reached.pixel + left_out.pixel, made.reached.ee + left_out.ee)
+        yield twin.wavelength_index, twin.field_index, replace(made, reached=reached)
+
+
+_adopted: tuple[Plan, dict[int, WavelengthScatter]] | None = None  # what a worker process works on
+
+
+def _adopt(scene: Plan, scatters: dict[int, WavelengthScatter]) -> None:
     global _adopted
     _adopted = scene, scatters
 
 
-def _adopted_images(w: int, part: range) -> list[FieldImage]:
+def _adopted_images(part: Sequence[Computation]) -> list[FieldImage]:
     assert _adopted is not None
     scene, scatters = _adopted
     with threadpool_limits(limits=1, user_api="blas"):
-        return list(_images(scene, scatters[w], part))
+        return list(computed(scene, scatters[part[0].wavelength_index], part))
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """One image computed to see what a run would reach and cost; ``gaussians`` is the size of the halo's mixture."""
-
-    field_index: int
-    gaussians: int
-    image: FieldImage
-    seconds: float
-
-
-def trials(scene: Plan, wavelength_index: int, field_indices: Sequence[int]) -> list[Trial]:
-    """The images of a few fields at one wavelength, computed in earnest and thrown away."""
-    tried = []
-    with threadpool_limits(limits=1, user_api="blas"):
-        scatter = _scatter(scene, wavelength_index)
-        for index in field_indices:
-            started = time.perf_counter()
-            (image,) = _images(scene, scatter, [index])
-            tried.append(Trial(index, scatter.halo.mixture.weight.size, image, time.perf_counter() - started))
-    return tried
-
-
-def _scatter(scene: Plan, w: int) -> WavelengthScatter:
+def scatter_at(scene: Plan, w: int) -> WavelengthScatter:
+    """What all fields at a wavelength share; raises SceneError where no mixture holds it."""
     try:
         return wavelength_scatter(
-            scene.surfaces,
-            scene.telescope,
+            scene.modelled_surfaces[w],
+            scene.modelled_telescope,
             scene.wavelengths[w],
             scene.half_widths,
             scene.reach,
             scene.tolerance,
+            with_cube=scene.with_cube,
         )
     except MixtureError as error:
         raise SceneError(f"at {1e6 * scene.wavelengths[w]:.6g} nm: {error}") from error
 
 
-def _images(scene: Plan, scatter: WavelengthScatter, field_indices: Sequence[int]) -> Iterator[FieldImage]:
+def computed(scene: Plan, scatter: WavelengthScatter, computations: Sequence[Computation]) -> Iterator[FieldImage]:
+    """The images of some computations, all of one wavelength."""
     return field_images(
-        scene.telescope,
-        [scene.fields[index] for index in field_indices],
+        scene.modelled_telescope,
+        [computation.field for computation in computations],
         scatter,
         scene.detector,
         scene.tolerance,
@@ -162,19 +194,20 @@ def header(
     )
 
 
-def run(system: System, jobs: int = 1) -> Result:
-    """The system's images and tables in memory."""
+def run(system: System, jobs: int | None = 1) -> Result:
+    """The system's images and tables in memory, by ``jobs`` processes (None: as many as pay)."""
     scene = plan(system, jobs=jobs)
-    return gather(header(system, scene), images(scene, jobs))
+    return gather(header(system, scene), images(scene))
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a run left: the files written, remarks for the user, the worst errors reached, and the time it took [s]."""
+    """What a run left: the files written, remarks for the user, the worst errors reached, processes and time [s]."""
 
     paths: tuple[Path, ...]
     notes: tuple[str, ...]
     reached: Tolerance
+    jobs: int
     seconds: float
 
 
@@ -184,7 +217,7 @@ def write(
     *,
     formats: Sequence[str] = FORMATS,
     overwrite: bool = False,
-    jobs: int = 1,
+    jobs: int | None = 1,
     max_memory: float = math.inf,
     command: str = "",
     input_name: str = "",
@@ -193,27 +226,25 @@ def write(
 ) -> Outcome:
     """Compute the system and write its products into ``directory``; ``progress(done, total)`` is called per image.
 
-    Raises OutputError when the products cannot be written, SceneError when they need more than ``max_memory`` bytes.
+    ``formats`` are some of FORMATS, ``jobs`` processes (None: as many as pay; fewer where ``max_memory`` [byte] is
+    little). Raises OutputError when the products cannot be written, SceneError when they cannot be computed.
     """
     started = time.perf_counter()
-    scene = plan(system, with_cube=formats_with_cube(formats), jobs=jobs)
-    if scene.memory > max_memory:
-        raise SceneError(
-            f"the run needs {1e-6 * scene.memory:.0f} MB of memory and may use {1e-6 * max_memory:.0f} MB; "
-            "fewer pixels, a smaller oversample, fewer jobs or a larger --max-memory would do"
-        )
+    if isinstance(formats, str) or not set(formats) <= set(FORMATS):
+        raise ValueError(f"formats: {formats!r} is no list of some of {', '.join(FORMATS)}")
+    scene = plan_of_products(system, formats, jobs=jobs, max_memory=max_memory)
     worst = Tolerance(0.0, 0.0)
     total = len(scene.wavelengths) * len(scene.fields)
     about = header(system, scene, command=command, input_name=input_name, input_sha256=input_sha256)
     with ProductWriter(Path(directory), about, formats, overwrite=overwrite) as products:
-        for done, (w, f, image) in enumerate(images(scene, jobs), start=1):
+        for done, (w, f, image) in enumerate(images(scene), start=1):
             products.add(w, f, image)
             worst = Tolerance(max(worst.pixel, image.reached.pixel), max(worst.ee, image.reached.ee))
             if progress is not None:
                 progress(done, total)
         seconds = time.perf_counter() - started
         products.timings = {"seconds": seconds}
-    return Outcome(products.paths, (*scene.warnings, *products.notes), worst, seconds)
+    return Outcome(products.paths, (*scene.warnings, *products.notes), worst, scene.resources.jobs, seconds)
 
 
 def formats_with_cube(formats: Sequence[str]) -> bool:
@@ -223,3 +254,7 @@ def formats_with_cube(formats: Sequence[str]) -> bool:
 
 class SceneError(Exception):
     """A scene that cannot be computed, for want of memory or of a method; the message is one line for the user."""
+
+
+class AccuracyUnreachable(SceneError):
+    """A scene that cannot be computed as accurately as asked for within the memory allowed."""

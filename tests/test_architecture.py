@@ -13,12 +13,26 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent / "psfcli"
 
 # From the user down to the physics; imports go down only.
-ORDER = ("cli", "recipe", "config", "products", "planning", "image", "surface", "telescope", "tolerance")
+ORDER = (
+    "cli",
+    "tradeoff",
+    "prediction",
+    "recipe",
+    "config",
+    "products",
+    "planning",
+    "image",
+    "surface",
+    "telescope",
+    "tolerance",
+)
 
 # What each part may import of the others, for type checkers too: nobody needs the name of what they must not know.
 # recipe.py alone joins planning, image and products; products know images, not how they were asked for or planned.
 MAY_IMPORT = {
-    "cli": {"recipe", "config", "products", "planning", "tolerance"},
+    "cli": {"tradeoff", "prediction", "recipe", "config", "products", "planning", "tolerance"},
+    "tradeoff": {"recipe", "config", "products", "planning", "image", "surface", "telescope", "tolerance"},
+    "prediction": {"recipe", "planning", "image", "tolerance"},
     "recipe": {"config", "products", "planning", "image", "tolerance"},
     "config": {"image", "surface", "telescope", "tolerance"},
     "products": {"image", "surface", "telescope", "tolerance"},
@@ -37,15 +51,25 @@ LIBRARIES = {
     "astropy.io": {"products"},
     "astropy.table": {"products"},
     "OpenEXR": {"products"},
-    "threadpoolctl": {"recipe"},
-    "scipy": {"image", "surface"},
-    "numpy": {"products", "planning", "image", "surface", "telescope"},  # the system file is checked without arrays
+    "threadpoolctl": {"prediction", "recipe"},
+    "matplotlib": {"tradeoff"},
+    "PIL": {"tradeoff"},
+    "scipy": {"tradeoff", "image", "surface"},
+    "numpy": {
+        "tradeoff",
+        "products",
+        "planning",
+        "image",
+        "surface",
+        "telescope",
+    },  # the system file is checked without arrays
 }
 
 # (importing module, imported name): the reason it is let through
 EXCEPTIONS: dict[tuple[str, str], str] = {
     ("psfcli", "psfcli.config"): "the Python interface: psfcli.load, imported when asked for",
-    ("psfcli", "psfcli.recipe"): "the Python interface: psfcli.plan, run and write, imported when asked for",
+    ("psfcli", "psfcli.products"): "the Python interface: psfcli.OutputError, imported when asked for",
+    ("psfcli", "psfcli.recipe"): "the Python interface: psfcli.plan, run, write, SceneError, imported when asked for",
     ("psfcli.__main__", "psfcli.cli"): "python -m psfcli",
     ("psfcli.recipe", "psfcli.surface.mixture"): "the error of a scatter that no mixture can hold, told to the user",
 }

@@ -85,3 +85,37 @@ def test_the_effective_text_loads_back_to_the_same_system(system: Any, text: str
     made = system(text, ["surfaces.0.name=0o17 no", "surfaces.1.psd.0.C=1.5e0"], None, Tolerance(1.5e-4, 1e-6))
     again = system(made.text)
     assert again == made
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"fields": "0.3 deg"}, r"fields: '0.3 deg' is no list of texts; write for example \[\"0.3 deg\"\]"),
+        ({"fields": [0.3]}, r"fields: \[0.3\] is no list of texts"),
+        ({"overrides": "detector.pixels=8"}, "overrides: 'detector.pixels=8' is no list of texts"),
+        ({"tolerance": (1e-3, 1e-5)}, r"tolerance: \(0.001, 1e-05\) is neither a name"),
+    ],
+)
+def test_an_option_of_the_wrong_type_is_told(system: Any, options: Any, told: str) -> None:
+    with pytest.raises(TypeError, match=told):
+        system(GOOD, **options)
+
+
+@pytest.mark.parametrize(
+    "twin",
+    [
+        "{radius: 0.3 deg, azimuth: 390 deg}",
+        "{radius: 0.3 deg, azimuth: -330 deg}",
+        "{radius: -0.3 deg, azimuth: 210 deg}",
+        "{radius: -0.3 deg, azimuth: -150 deg}",
+    ],
+)
+def test_a_field_a_turn_further_or_mirrored_twice_is_the_same_field(faults: Any, twin: str) -> None:
+    fields = GOOD.replace("[0 deg, 0.25 deg]", f"[{{radius: 0.3 deg, azimuth: 30 deg}}, {twin}]")
+    (line,) = faults(fields)
+    assert "fields[1]: is the same as fields[0]; each may stand once" in line
+
+
+def test_the_axis_has_no_azimuth(faults: Any) -> None:
+    (line,) = faults(GOOD.replace("0.25 deg]", "{radius: 0 deg, azimuth: 30 deg}]"))
+    assert "fields[1]: is the same as fields[0]" in line

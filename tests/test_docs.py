@@ -93,7 +93,7 @@ def test_the_exit_codes_are_those_of_the_table(tmp_path):
     run = ("run", PAPER, "--format", "csv", "--accuracy", "draft", "--field", "0 deg", "-q")
     met = {
         psf(tmp_path, *run, "-o", "done").returncode: 0,
-        psf(tmp_path, *run, "-o", "small", "--max-memory", "1MB").returncode: 1,
+        psf(tmp_path, *run, "-o", "steep", "--set", "surfaces.0.psd.C=300").returncode: 1,
         psf(tmp_path, *run, "-o", "fault", "--set", "telescope.obscuration=2").returncode: 2,
         psf(
             tmp_path, "run", PAPER, "--format", "csv", "-o", "hard", "--pixel-error", "1", "--ee-error", "1e-12"
@@ -102,6 +102,7 @@ def test_the_exit_codes_are_those_of_the_table(tmp_path):
         interrupted(tmp_path / "long"): 130,
     }
     assert {code: code for code in met} == met
+    assert psf(tmp_path, *run, "-o", "small", "--max-memory", "1MB").returncode == 3
     assert [int(row[0]) for row in table("exit code")] == sorted(met)
     assert psf(tmp_path, "compare", "done", "done").returncode == 0
     assert psf(tmp_path, "compare", "done", "hard", "--pixel-error", "0", "--ee-error", "0").returncode in {1, 2}

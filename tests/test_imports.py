@@ -47,3 +47,11 @@ def test_a_table_of_energies_needs_no_image_format(tmp_path):
     options = ("--format", "csv", "--accuracy", "draft", "--field", "0 deg", "-o", str(tmp_path / "out"), "-q")
     modules = loaded(tmp_path, "run", str(CONFIG), *options)
     assert not modules & {"astropy.io", "astropy.io.fits", "astropy.table", "astropy.wcs", "OpenEXR", "matplotlib"}
+
+
+def test_the_errors_users_catch_are_names_of_the_package():
+    import psfcli
+
+    assert set(psfcli.__all__) == set(dir(psfcli))
+    for name in ("ConfigError", "OutputError", "SceneError"):
+        assert issubclass(getattr(psfcli, name), Exception)

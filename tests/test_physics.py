@@ -14,7 +14,7 @@ from psfcli.image.point import field_images, wavelength_scatter
 from psfcli.image.scatter import scatter_table, scattered_light
 from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.surface.autocovariance import autocovariance, decorrelation
-from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_variance, total_integrated_scatter
+from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_rms, total_integrated_scatter
 from psfcli.surface.mixture import GaussianMixture, ScatterTerm, mixing_density, trapezoid_step
 from psfcli.surface.psd import KCorrelation
 from psfcli.surface.surface import Surface
@@ -79,7 +79,7 @@ def test_sigma_rel_is_the_integral_of_the_spectrum_below_one_over_lambda(C):
 
     below, _ = integrate.quad(per_log_f, -40.0, -math.log(WAVELENGTH), epsabs=0.0, epsrel=1e-11, limit=200)
     # the tolerance asked of quad; e^-80 lies below its start
-    assert relative_variance(surface, WAVELENGTH) == pytest.approx(below, rel=1e-10)
+    assert relative_rms(surface, WAVELENGTH) ** 2 == pytest.approx(below, rel=1e-10)
 
 
 @pytest.mark.parametrize("C", [1.2, 2.0, 3.7])
@@ -101,7 +101,7 @@ def test_zemax_example():
     # sigma is the rms below 1/632.8 nm; s is the exponent of the two-dimensional spectrum, C + 1
     term = KCorrelation.from_band_rms(3.0 * NM, 0.0, 1.0 / (632.8 * NM), 5.02655 * UM, 2.0)
     surface = Surface("sample", 1.0, (term,))
-    assert math.sqrt(relative_variance(surface, 300.0 * NM)) / NM == pytest.approx(3.10996, abs=5e-6)  # printed digits
+    assert relative_rms(surface, 300.0 * NM) / NM == pytest.approx(3.10996, abs=5e-6)  # printed digits
     assert total_integrated_scatter(surface, 300.0 * NM) == pytest.approx(0.01683, abs=5e-6)
 
 

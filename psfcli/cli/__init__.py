@@ -13,6 +13,7 @@ _COMMANDS = {
     "run": "Compute PSF cubes and ensquared energy for every wavelength and field.",
     "plan": "Say what a run would compute, how exact, how long; writes nothing.",
     "check": "Validate system files.",
+    "tradeoff": "Measure what accuracy costs on a scene, beside FFT and ray counting.",
     "compare": "Measure the differences between two products.",
     "schema": "Print the JSON Schema of the system file.",
 }
@@ -73,9 +74,10 @@ def _told(error: Exception) -> int | None:
     if isinstance(error, OutputError):
         click.echo(str(error), err=True)
         return 4
-    if "psfcli.recipe" in sys.modules and isinstance(error, sys.modules["psfcli.recipe"].SceneError):
+    recipe = sys.modules.get("psfcli.recipe")
+    if recipe is not None and isinstance(error, recipe.SceneError):
         click.echo(str(error), err=True)
-        return 1
+        return 3 if isinstance(error, recipe.AccuracyUnreachable) else 1
     return None
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable
 from typing import Any
 
 import click
 
+from psfcli.cli.prices import price_tags
+from psfcli.config import load
 from psfcli.products import FORMATS
 from psfcli.tolerance import PRESETS, Tolerance
 
@@ -56,17 +59,57 @@ class MemorySize(click.ParamType[float]):
         return 0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def system_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """CONFIG and the options that change what it says."""
+def loads_system(command: Callable[..., Any]) -> Callable[..., Any]:
+    """CONFIG and the options that change what it says; the command gets ``config`` and the ``system`` they make."""
+
+    @functools.wraps(command)
+    def with_system(
+        config: str,
+        overrides: tuple[str, ...],
+        fields: tuple[str, ...],
+        accuracy_name: str | None,
+        pixel_error: float | None,
+        ee_error: float | None,
+        **others: Any,
+    ) -> Any:
+        system = load(config, overrides, fields or None, accuracy(accuracy_name, pixel_error, ee_error))
+        return command(config=config, system=system, **others)
+
+    decorated: Callable[..., Any] = with_system
     for decorate in reversed(
         (
             click.argument("config", metavar="CONFIG"),
             click.option("--field", "fields", multiple=True, metavar='"0.3 deg"', help="Replaces fields; repeatable."),
             click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2."),
-            click.option("--accuracy", "accuracy_name", type=click.Choice(list(PRESETS)), help="Replaces accuracy."),
+            click.option(
+                "--accuracy",
+                "accuracy_name",
+                type=click.Choice(list(PRESETS)),
+                help=f"Replaces accuracy. {price_tags()}",
+            ),
             click.option("--pixel-error", type=float, metavar="X", help="Relative error of a pixel, with --ee-error."),
             click.option(
                 "--ee-error", type=float, metavar="Y", help="Error of an ensquared energy, with --pixel-error."
+            ),
+        )
+    ):
+        decorated = decorate(decorated)
+    return decorated
+
+
+def asks_for_products(command: Callable[..., Any]) -> Callable[..., Any]:
+    """What is computed of the system, in how many processes and how much memory: run and plan say the same."""
+    for decorate in reversed(
+        (
+            click.option("--format", "formats", type=Formats(), default=",".join(FORMATS), show_default=True),
+            click.option(
+                "--jobs",
+                type=click.IntRange(1, 256),
+                metavar="N",
+                help="Processes, each a few fields at a time; default: as many as pay.",
+            ),
+            click.option(
+                "--max-memory", type=MemorySize(), metavar="SIZE", help="Such as 4GB; default: half of the machine's."
             ),
         )
     ):

@@ -8,29 +8,20 @@ import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from psfcli.cli.options import Formats, MemorySize, accuracy, system_options
-from psfcli.config import load
-from psfcli.products import FORMATS
+from psfcli.cli.options import MemorySize, asks_for_products, loads_system
 
-_WORTH_A_POOL = 24  # images: fewer are done before processes have started
+if TYPE_CHECKING:
+    from psfcli.config import System
 
 
 @click.command()
-@system_options
+@loads_system
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_psf.")
-@click.option("--format", "formats", type=Formats(), default=",".join(FORMATS), show_default=True, metavar="LIST")
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 256),
-    default=None,
-    metavar="N",
-    help="Processes, each a field at a time; default: as many as pay.",
-)
-@click.option("--max-memory", type=MemorySize(), metavar="SIZE", help="Such as 4GB; default: half of the machine's.")
+@asks_for_products
 @click.option("--overwrite", is_flag=True, help="Replace the products that stand in DIR.")
 @click.option("--dry-run", is_flag=True, help="Say what would be computed, as psfcli plan does; write nothing.")
 @click.option("-q", "--quiet", is_flag=True, help="No reports on stderr but errors.")
@@ -39,11 +30,7 @@ _WORTH_A_POOL = 24  # images: fewer are done before processes have started
 def command(
     ctx: click.Context,
     config: str,
-    overrides: tuple[str, ...],
-    fields: tuple[str, ...],
-    accuracy_name: str | None,
-    pixel_error: float | None,
-    ee_error: float | None,
+    system: System,
     output: Path | None,
     formats: tuple[str, ...],
     jobs: int | None,
@@ -58,9 +45,7 @@ def command(
     Prints the paths written. Exit status: 0 done, 1 failed, 2 fault in the usage or the system file, 3 the accuracy
     asked for was not met (the products say so), 4 the output exists or cannot be written, 130 interrupted.
     """
-    system = load(config, overrides, fields or None, accuracy(accuracy_name, pixel_error, ee_error))
-    images = len(system.fields) * len(system.wavelengths)
-    jobs = min(images, jobs or ((os.cpu_count() or 1) if images > _WORTH_A_POOL else 1))
+    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_psf")
 
     def say(line: str) -> None:
         if not quiet:
@@ -70,8 +55,12 @@ def command(
         say(f"warning: {warning}")
     if dry_run:
         from psfcli.cli.plan import describe
+        from psfcli.products.target import check_room, check_target, cube_bytes
 
-        click.echo(describe(system, formats, jobs))
+        check_target(directory, overwrite=overwrite)
+        images = len(system.fields) * len(system.wavelengths)
+        check_room(directory, cube_bytes(system.detector, images, formats))
+        click.echo(describe(system, formats, jobs, max_memory))
         return
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no idle threads; the recipe sees to the rest
     from psfcli import recipe  # numpy, scipy: not before the system file is known to be good
@@ -80,7 +69,7 @@ def command(
     with bar:
         outcome = recipe.write(
             system,
-            output or Path(("stdin" if config == "-" else Path(config).stem) + "_psf"),
+            directory,
             formats=formats,
             overwrite=overwrite,
             jobs=jobs,
@@ -98,6 +87,7 @@ def command(
     pixels = f"pixel error {reached.pixel:.2g} (asked {asked.pixel:.2g}), " if recipe.formats_with_cube(formats) else ""
     say(f"reached: {pixels}ensquared energy {reached.ee:.2g} (asked {asked.ee:.2g})")
     if verbose:
+        images, jobs = len(system.fields) * len(system.wavelengths), outcome.jobs
         say(f"{images} images by {jobs} process{'es' * (jobs > 1)}, {outcome.seconds:.2f} s beyond start-up")
     for path in outcome.paths:
         click.echo(path)

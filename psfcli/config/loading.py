@@ -16,13 +16,13 @@ from psfcli.config.source import read
 from psfcli.config.table import SYSTEM
 from psfcli.config.tree import Broken, Mapping, Node, Scalar
 from psfcli.config.writing import written
+from psfcli.tolerance import Tolerance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from psfcli.config.model import System
-    from psfcli.tolerance import Tolerance
 
 
 def load(
@@ -30,14 +30,21 @@ def load(
     overrides: Sequence[str] = (),
     fields: Sequence[str] | None = None,
     tolerance: Tolerance | str | None = None,
+    wavelength: str | None = None,
 ) -> System:
     """The system a file describes, in the units used inside; ``-`` is standard input.
 
     ``overrides`` are ``dotted.key=value`` strings, ``fields`` replace the file's (each a field as in the file), and
-    ``tolerance`` replaces its accuracy, by name or by number.
+    ``tolerance`` replaces its accuracy, by name or by number; ``wavelength`` replaces its wavelengths.
 
-    Raises ConfigError, with every fault, when the file or an option cannot be used.
+    Raises ConfigError, with every fault, when the file or an option cannot be used, and TypeError for an option of
+    the wrong type, such as one text in place of a list of them.
     """
+    for option, given, example in (("overrides", overrides, "surfaces.0.psd.C=2"), ("fields", fields, "0.3 deg")):
+        if isinstance(given, str) or not all(isinstance(text, str) for text in given or ()):
+            raise TypeError(f'{option}: {given!r} is no list of texts; write for example ["{example}"]')
+    if not isinstance(tolerance, str | Tolerance | None):
+        raise TypeError(f'tolerance: {tolerance!r} is neither a name such as "draft" nor a Tolerance(pixel, ee)')
     name, text = read(source)
     faults = Faults()
 
@@ -52,7 +59,7 @@ def load(
         faults.raise_if_any()
     if isinstance(root, Mapping):
         root = replace(root, key=locate(1, 1))  # what is missing at the top is told there
-        tree = with_options(root, overrides, fields, tolerance, faults)
+        tree = with_options(root, overrides, fields, tolerance, wavelength, faults)
     else:
         tree = root
     values = check(tree, SYSTEM, faults)

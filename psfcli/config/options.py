@@ -24,9 +24,13 @@ def with_options(
     overrides: Sequence[str],
     fields: Sequence[str] | None,
     tolerance: Tolerance | str | None,
+    wavelength: str | None,
     faults: Faults,
 ) -> Node:
-    """The tree after ``--set``, ``--field`` and the accuracy options, in this order; ``load`` says what each is."""
+    """The tree after ``--set``, ``--field``, ``--wavelength`` and the accuracy options, in this order.
+
+    ``load`` says what each is.
+    """
     number = count(1)
 
     def place(label: str) -> Place:
@@ -34,12 +38,14 @@ def with_options(
 
     for override in overrides:
         root = _with_override(root, override, place, faults)
-    if fields:
-        places = [place(f'--field "{text}"') for text in fields]
-        points = tuple(
-            _parsed(text, at, ("fields", i), faults) for i, (text, at) in enumerate(zip(fields, places, strict=True))
-        )
-        root = with_value(root, ("fields",), Listed(places[0], points), places[0])
+    for key, option, texts in (("fields", "--field", fields), ("wavelengths", "--wavelength", [wavelength])):
+        given = [text for text in texts or () if text is not None]
+        if given:
+            places = [place(f'{option} "{text}"') for text in given]
+            values = tuple(
+                _parsed(text, at, (key, i), faults) for i, (text, at) in enumerate(zip(given, places, strict=True))
+            )
+            root = with_value(root, (key,), Listed(places[0], values), places[0])
     if isinstance(tolerance, str):
         at = place(f"--accuracy {tolerance}")
         root = with_value(root, ("accuracy",), Scalar(at, tolerance, tolerance), at)

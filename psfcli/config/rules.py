@@ -11,6 +11,7 @@ from psfcli.config.build import Values, field_points, indices, spectrum
 
 if TYPE_CHECKING:
     from psfcli.config.faults import Steps
+    from psfcli.telescope.system import Field
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,12 +152,20 @@ def range_advances(values: Values) -> Iterator[Finding]:
         yield Finding(("fields", "stop"), "is the same as start; write one field as a list", (("fields", "start"),))
 
 
+def _direction(field: Field) -> tuple[float, float]:
+    """The field point with its radius not negative and its azimuth [rad] within one turn; on the axis it has none."""
+    turn = 2.0 * math.pi
+    azimuth = (field.azimuth + (math.pi if field.radius < 0.0 else 0.0)) % turn
+    # to 12 digits: degrees beyond a turn come back with rounding
+    return abs(field.radius), round(azimuth, 12) % round(turn, 12) if field.radius else 0.0
+
+
 def nothing_twice(values: Values) -> Iterator[Finding]:
     """No field, wavelength or box is asked for twice."""
     is_range = isinstance(values.get("fields"), dict)
     asked: dict[Steps, list[Any]] = {
         ("wavelengths",): values.get("wavelengths", []),
-        ("fields",): [] if is_range else field_points(values),
+        ("fields",): [] if is_range else [field and _direction(field) for field in field_points(values)],
         ("ensquared_energy", "half_widths"): dig(values, "ensquared_energy", "half_widths") or [],
     }
     for steps, listed in asked.items():

@@ -114,7 +114,7 @@ def interval_integrals(start: Real, stop: Real, variance: Real, order: int) -> R
     width = np.sqrt(variance)[:, None]
     low, high = start / width, stop / width
     out = np.empty((order + 1, *low.shape))
-    smooth = np.max(high - low, axis=1) < _SMOOTH_CELL
+    smooth = np.max(high - low, axis=1, initial=0.0) < _SMOOTH_CELL
     if np.any(smooth):
         out[:, smooth] = _by_quadrature(low[smooth], high[smooth], order)
     if not np.all(smooth):

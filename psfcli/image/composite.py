@@ -125,8 +125,8 @@ def narrow_error(mixture: GaussianMixture, tolerance: Tolerance, nearest: float,
         return np.zeros(0)
     r = np.append(nearest, nearest + np.sqrt(mixture.variance.min()) * np.geomspace(0.1, 1e3, 120))
     part = shares(mixture, r).max(axis=0)
-    inside = 0.1 * tolerance.ee / (mixture.weight.size * np.abs(mixture.weight) * max(brightest, 1e-300))
-    with np.errstate(divide="ignore", over="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):  # what is allowed any error at all
+        inside = 0.1 * tolerance.ee / (mixture.weight.size * np.abs(mixture.weight) * max(brightest, 1e-300))
         allowed: Real = np.minimum(inside, 0.1 * tolerance.pixel / part)
     return allowed
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from psfcli.image.quadrature import gauss_panels
 from psfcli.image.result import Spot
 from psfcli.telescope.aberration import transverse_aberration_along_azimuths
+from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Telescope
 
 Real = NDArray[np.float64]
@@ -54,6 +55,12 @@ class GeometricalImage:
     azimuthal_length: float
     mirror_symmetric: bool
 
+    @property
+    def is_a_point(self) -> bool:
+        """Whether all rays land together: any one of them tells where."""
+        spot = self.spot
+        return spot.x_min == spot.x_max and spot.y_min == spot.y_max
+
 
 def azimuth_rule(telescope: Telescope, field: Field, count: int) -> Real:
     """Midpoints of ``count`` equal slices of the lit pupil azimuths [rad].
@@ -63,7 +70,9 @@ def azimuth_rule(telescope: Telescope, field: Field, count: int) -> Real:
     """
     start, stop = telescope.pupil.sector
     if telescope.pupil.is_full_annulus:
-        start, stop = field.azimuth, field.azimuth + 2.0 * math.pi
+        # a field on the axis has no direction: its image, too, is mirrored at the y axis
+        start = field.azimuth if telescope.relative_field(field)[0] != 0.0 else 0.5 * math.pi
+        stop = start + 2.0 * math.pi
     return start + (stop - start) * (np.arange(count) + 0.5) / count
 
 
@@ -84,8 +93,10 @@ def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int, *,
     """Rays at the nodes of a quadrature of the uniformly lit pupil (Gauss in rho^2; in azimuth the trapezoid rule on
 
     a full annulus, Gauss on a sector). ``half``, for mirror-symmetric images and an even number of ``azimuths``:
-    those on one side of the field direction, standing for both.
+    those on one side of the field direction, standing for both. Without aberrations one ray stands for all.
     """
+    if telescope.seidel == SeidelTable():
+        return RayBundle(np.ones(1), np.zeros(1), np.zeros(1))
     inner = telescope.pupil.obscuration**2
     node, weight = gauss_panels(radii)
     rho = np.sqrt(inner + (1.0 - inner) * 0.5 * (node + 1.0))
@@ -115,7 +126,7 @@ def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
     start, stop = telescope.pupil.sector
     azimuths = (2 if telescope.pupil.is_full_annulus else 8) * (MAX_MOMENT + 1)
     rays = ray_bundle(telescope, field, 2 * MAX_MOMENT, azimuths)
-    symmetric = telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
+    symmetric = _is_mirror_symmetric(telescope, field)
     return GeometricalImage(
         telescope=telescope,
         field=field,
@@ -130,11 +141,18 @@ def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
     )
 
 
+def _is_mirror_symmetric(telescope: Telescope, field: Field) -> bool:
+    """Whether the image is the same for x and -x."""
+    return telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
+
+
 def spot_statistics(telescope: Telescope, field: Field) -> Spot:
     """Centroid, chief ray, rms about the centroid and extent of the geometrical spot [mm]."""
     azimuths = _EXACT_AZIMUTHS if telescope.pupil.is_full_annulus else 4 * _EXACT_AZIMUTHS
     rays = ray_bundle(telescope, field, _EXACT_RADII, azimuths)
     mean_x, mean_y = float(rays.share @ rays.x), float(rays.share @ rays.y)
+    if _is_mirror_symmetric(telescope, field):
+        mean_x = 0.0  # and not rounding: boxes about it keep the symmetry
     fans_x, fans_y = ray_fans(telescope, field, azimuth_rule(telescope, field, _EXTENT_AZIMUTHS))
     rho = np.linspace(telescope.pupil.obscuration, 1.0, 33)
     x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)

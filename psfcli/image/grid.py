@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -45,6 +46,11 @@ class Detector:
         x, y = self.start(0), self.start(1)
         width = self.pixels * self.pixel
         return x, x + width, y, y + width
+
+    def farthest(self) -> float:
+        """The distance of the window's farthest corner from the Gaussian image point [mm]."""
+        x_start, x_stop, y_start, y_stop = self.bounds()
+        return math.hypot(max(-x_start, x_stop), max(-y_start, y_stop))
 
     def edges(self, axis: Literal[0, 1]) -> NDArray[np.float64]:
         """The edges of the sub-pixels along x (axis 0) or y (axis 1) about the Gaussian image point [mm]."""

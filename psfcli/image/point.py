@@ -36,7 +36,8 @@ class WavelengthScatter:
 
     ``squares`` are the boxes of the ensquared energy, ``judged`` the places of some of them and ``judge`` the finer
     light in these. ``energy_error`` is the largest difference between the two in any box without aberrations, as a
-    fraction of all light; ``density_error`` the largest between their densities, relative, at any distance.
+    fraction of all light; ``density_error`` holds distances [mm] and how their densities differ
+    there, relative.
     """
 
     halo: Halo
@@ -45,7 +46,7 @@ class WavelengthScatter:
     judged: slice
     judge: SquareResponse
     energy_error: float
-    density_error: float
+    density_error: tuple[Real, Real]
     encircled: EncircledEnergy | None
 
 
@@ -56,10 +57,12 @@ def wavelength_scatter(
     half_width: Real,
     reach: float,
     tolerance: Tolerance,
+    *,
+    with_cube: bool = True,
 ) -> WavelengthScatter:
     """What every field at ``wavelength`` [mm] shares: boxes of increasing ``half_width`` [mm] included.
 
-    ``reach`` [mm] bounds the distances asked for.
+    ``reach`` [mm] bounds the distances asked for. Without a cube nobody asks for the light outside the window.
     """
     halo = scattered_light(surfaces, telescope, wavelength, reach, tolerance)
     finer = scattered_light(surfaces, telescope, wavelength, reach, _finer(tolerance))
@@ -72,9 +75,9 @@ def wavelength_scatter(
         squares=square_response(halo.mixture, half_width),
         judged=judged,
         judge=square_response(finer.mixture, half_width[judged]),
-        energy_error=float(difference.max()) if rough else 0.0,
-        density_error=_density_error(halo, finer, reach) if rough else 0.0,
-        encircled=encircled_energy(surfaces, telescope, wavelength, tolerance) if rough else None,
+        energy_error=float(difference.max(initial=0.0)) if rough else 0.0,
+        density_error=_density_error(halo, finer, reach) if rough else (np.zeros(1), np.zeros(1)),
+        encircled=encircled_energy(surfaces, telescope, wavelength, tolerance) if rough and with_cube else None,
     )
 
 
@@ -87,7 +90,7 @@ def field_images(
     *,
     with_cube: bool,
 ) -> Iterator[FieldImage]:
-    """The images of ``fields``: pixels (when ``with_cube``), ensquared energy, light outside, errors reached."""
+    """The images of ``fields``: ensquared energy, errors reached and, ``with_cube``, pixels and the light outside."""
     points = [geometrical_image(telescope, field) for field in fields]
     energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance)
     for point, (ensquared, scattered, error) in zip(points, energies, strict=True):
@@ -110,22 +113,24 @@ def _field_image(
 ) -> FieldImage:
     """The image of one point, whose ensquared energy and its error are known."""
     halo = scatter.halo
-    outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
-    psf = psf_over = None
+    psf = psf_over = outside = None
     pixel_error = 0.0
-    ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width[0]))
+    ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width.min(initial=math.inf)))
     if with_cube:
         image = composite_image(point, halo, detector, tolerance)
         fine = image.light
         corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
         pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
-        pixel_error += scatter.density_error + _probed_error(image, point, scatter, detector, tolerance)
+        radius, difference = scatter.density_error
+        pixel_error += float(np.max(difference, where=radius <= corner, initial=0.0))  # no blur makes it larger
+        pixel_error += _probed_error(image, point, scatter, detector, tolerance)
         pixel_error += image.unresolved
         if image.error > tolerance.ee:
             pixel_error += (image.error - tolerance.ee) / float(fine.max())
         n, m = detector.pixels, detector.oversample
         psf = fine if m == 1 else fine.reshape(n, m, n, m).sum(axis=(1, 3))
         psf_over = None if m == 1 else fine
+        outside = outside_window(point, halo, scatter.encircled, detector, tolerance)
         # inside and outside come by different roads: what they lack together is an error of one of them
         ee_error = max(ee_error, abs(1.0 - outside - float(psf.sum())))
     return FieldImage(
@@ -138,13 +143,13 @@ def _field_image(
     )
 
 
-def _density_error(halo: Halo, finer: Halo, reach: float) -> float:
-    """The largest relative difference of the two densities from the core to ``reach`` [mm]: no blur makes it larger."""
+def _density_error(halo: Halo, finer: Halo, reach: float) -> tuple[Real, Real]:
+    """Distances [mm] from the core to ``reach`` and how the two densities differ there, relative."""
     core = math.sqrt(float(finer.mixture.variance.min()))
     r = np.append(0.0, np.geomspace(min(0.1 * core, reach), reach, _RADII))
     truth = finer.mixture.density(r)
     lit = truth > 0.0
-    return float(np.max(np.abs(halo.mixture.density(r)[lit] / truth[lit] - 1.0), initial=0.0))
+    return r[lit], np.abs(halo.mixture.density(r)[lit] / truth[lit] - 1.0)
 
 
 def _finer(tolerance: Tolerance) -> Tolerance:

@@ -50,15 +50,15 @@ class FieldImage:
     """The image of one field point at one wavelength.
 
     ``psf`` [y, x] is the fraction of all light in each pixel, ``psf_over`` the same on sub-pixels (None when
-    oversample is 1; both None when no cube was asked for); ``power_outside`` the fraction that misses the
-    window, by its own route; ``reached`` the estimated errors.
+    oversample is 1); ``power_outside`` the fraction that misses the window, by its own route; all three are None when
+    no cube was asked for. ``reached`` are the estimated errors.
     """
 
     psf: Array | None
     psf_over: Array | None
     spot: Spot
     ensquared: EnsquaredEnergy
-    power_outside: float
+    power_outside: float | None
     reached: Tolerance
 
 

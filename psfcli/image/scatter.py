@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from psfcli.image.horizon import horizon_loss
 from psfcli.image.quadrature import gauss_rule
 from psfcli.image.result import SurfaceScatter
-from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_variance, total_integrated_scatter
+from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_rms, total_integrated_scatter
 from psfcli.surface.mixture import GaussianMixture, ScatterTerm, mixing_density, trapezoid_step
+from psfcli.surface.psd import KCorrelation
 from psfcli.surface.surface import Surface
 from psfcli.telescope.system import Telescope
 from psfcli.tolerance import Tolerance
@@ -61,7 +62,7 @@ def scatter_table(surfaces: Sequence[Surface], telescope: Telescope, wavelength:
         SurfaceScatter(
             name=surface.name,
             wavelength=wavelength,
-            sigma_rel=math.sqrt(relative_variance(surface, wavelength)),
+            sigma_rel=relative_rms(surface, wavelength),
             g=phase_variance(surface, wavelength),
             tis=total_integrated_scatter(surface, wavelength),
             magnified_distance=telescope.magnified_distance(surface.marginal_height),
@@ -71,18 +72,29 @@ def scatter_table(surfaces: Sequence[Surface], telescope: Telescope, wavelength:
     )
 
 
-def scatter_terms(surfaces: Sequence[Surface], telescope: Telescope, wavelength: float) -> tuple[ScatterTerm, ...]:
-    """Every PSD term scaled to the image plane: width lambda d_j/B, variance (K sigma)^2."""
-    return tuple(
-        ScatterTerm(
-            phase_variance=(phase_per_height(surface, wavelength) * psd.sigma) ** 2,
-            width=wavelength * telescope.magnified_distance(surface.marginal_height) / psd.B,
-            nu=(psd.C - 1.0) / 2.0,
-        )
-        for surface in surfaces
-        for psd in surface.psd
-        if psd.sigma > 0.0
+def scatter_term(surface: Surface, psd: KCorrelation, telescope: Telescope, wavelength: float) -> ScatterTerm:
+    """A PSD term scaled to the image plane: width lambda d_j/B, variance (K sigma)^2."""
+    return ScatterTerm(
+        phase_variance=(phase_per_height(surface, wavelength) * psd.sigma) ** 2,
+        width=wavelength * telescope.magnified_distance(surface.marginal_height) / psd.B,
+        nu=(psd.C - 1.0) / 2.0,
     )
+
+
+def scatter_terms(surfaces: Sequence[Surface], telescope: Telescope, wavelength: float) -> tuple[ScatterTerm, ...]:
+    """Every PSD term scaled to the image plane; terms of one shape are one, for their variances add."""
+    merged: dict[tuple[float, str], ScatterTerm] = {}
+    every = (scatter_term(surface, psd, telescope, wavelength) for surface in surfaces for psd in surface.psd)
+    for term in every:
+        same = merged.get(term_shape(term))
+        added = term if same is None else replace(same, phase_variance=same.phase_variance + term.phase_variance)
+        merged[term_shape(term)] = added
+    return tuple(term for term in merged.values() if term.phase_variance > 0.0)
+
+
+def term_shape(term: ScatterTerm) -> tuple[float, str]:
+    """What terms have in common whose autocovariances in the image are proportional: order, and width to rounding."""
+    return term.nu, f"{term.width:.12g}"
 
 
 def scattered_light(

@@ -49,7 +49,7 @@ class SquareResponse:
 
         Shape [centre, box].
         """
-        if self.mixture.weight.size == 0:
+        if self.mixture.weight.size == 0 or self.half_width.size == 0:
             return np.zeros((len(centres), self.half_width.size))
         moments = [_even_moments(point, centre) for centre in centres]
         last = max(_last_order(moment) for moment in moments)

@@ -47,6 +47,8 @@ def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, t
         return light.reshape(-1, modulus)
 
     start, stop = lit_azimuths(point, half=symmetric)
+    if point.is_a_point:
+        return per_fan(np.array([start]), rows * columns)[0].reshape(rows, columns), 0.0
     bounds = np.linspace(start, stop, slice_count(start, stop, tolerance) + 1)
     modulus = min(rows * columns, _BUCKETS)
     rule = integrate_adaptively(

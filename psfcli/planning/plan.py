@@ -1,39 +1,46 @@
-"""What a scene requires, decided in one place before anything is computed: distances, boxes, grids, memory."""
+"""What a scene requires, decided in one place before anything is computed: effects, distances, images, resources."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.ensquared import default_half_widths
-from psfcli.image.geometric import spot_statistics
 from psfcli.image.grid import Detector
-from psfcli.image.result import Spot, SurfaceScatter
+from psfcli.image.result import SurfaceScatter
 from psfcli.image.scatter import scatter_table
+from psfcli.planning.displacement import displacements, sensitivity
+from psfcli.planning.effects import Effect, aberration_effects, grid_effects, image_effects, scatter_effects
+from psfcli.planning.resources import Resources, resources
+from psfcli.planning.sharing import Computation, each_by_itself, shared_computations
+from psfcli.planning.smoothness import Smoothness, smooth_enough
 from psfcli.surface.surface import Surface
+from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Telescope
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
 
-_BYTES = 8
-_WORKING_COPIES = 3  # the image, a product of matrices before it is added, and a plane on its way to a file
-_TOGETHER = 8  # fields computed at a time: more gain nothing
-_PIXELS_TOGETHER = 1_000_000  # of all fields computed at a time
-_OVERHEAD = 150e6  # the interpreter and its libraries
+SHARE = 0.05
+"""Of the accuracy asked for, what all skipped scatter may take, and as much all skipped aberrations."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
     """A scene and what it takes.
 
+    ``telescope``, ``surfaces`` and ``fields`` are as asked for. ``modelled_telescope`` has the aberrations that matter,
+    ``modelled_surfaces``, one row per wavelength, the PSD terms that do; ``left_out``, one per wavelength, bounds what
+    all the rest changes. ``computations`` are the images computed, each with those it stands for; ``effects`` tells all
+    this in words.
+
     ``reach`` [mm] is the farthest distance from the image point that anything asks for; ``half_widths`` [mm] the boxes,
-    increasing; ``scatter`` one row of surfaces and ``specular_fractions`` one number per wavelength; ``spots`` one per
-    field; ``together`` fields are computed at a time; ``memory`` and ``output`` in bytes; ``warnings`` one line each.
+    increasing, none where no product holds them; ``scatter`` one row of surfaces and ``specular_fractions`` one number
+    per wavelength; ``warnings`` one line each.
     """
 
     telescope: Telescope
@@ -47,10 +54,12 @@ class Plan:
     reach: float
     scatter: tuple[tuple[SurfaceScatter, ...], ...]
     specular_fractions: tuple[float, ...]
-    spots: tuple[Spot, ...]
-    together: int
-    memory: float
-    output: float
+    modelled_telescope: Telescope
+    modelled_surfaces: tuple[tuple[Surface, ...], ...]
+    left_out: tuple[Tolerance, ...]
+    computations: tuple[Computation, ...]
+    resources: Resources
+    effects: tuple[Effect, ...]
     warnings: tuple[str, ...]
 
     def report(self) -> dict[str, object]:
@@ -58,12 +67,15 @@ class Plan:
         return {
             "asked": {"pixel": self.tolerance.pixel, "ee": self.tolerance.ee},
             "images": len(self.wavelengths) * len(self.fields),
+            "computed": len(self.computations),
             "grid": self.detector.sub_pixels if self.with_cube else 0,
             "boxes": int(self.half_widths.size),
             "reach_mm": self.reach,
             "specular_fraction": list(self.specular_fractions),
-            "memory_bytes": self.memory,
-            "output_bytes": self.output,
+            "jobs": self.resources.jobs,
+            "memory_bytes": self.resources.memory,
+            "output_bytes": self.resources.output,
+            "effects": [effect.report() for effect in self.effects],
             "warnings": list(self.warnings),
         }
 
@@ -78,19 +90,46 @@ def plan_scene(
     tolerance: Tolerance,
     *,
     with_cube: bool = True,
-    jobs: int = 1,
+    with_boxes: bool = True,
+    jobs: int | None = 1,
+    max_memory: float = math.inf,
+    everything: bool = False,
 ) -> Plan:
-    """The plan of a scene; ``half_widths`` [mm] None: the default boxes, within the horizon."""
-    scatter = tuple(scatter_table(surfaces, telescope, wavelength) for wavelength in wavelengths)
-    spots = tuple(spot_statistics(telescope, field) for field in fields)
+    """The plan of a scene; ``half_widths`` [mm] None: the default boxes, within the horizon.
+
+    ``jobs`` None: as many as pay; ``max_memory`` [byte] may take some of them. ``everything``: nothing is skipped or
+    shared but what no product asked for holds, to see what skipping changes.
+    """
     boxes = default_half_widths(detector.pixel, detector.pixels) if half_widths is None else np.sort(half_widths)
-    reach = math.sqrt(2.0) * float(boxes[-1])
-    if with_cube:
-        x_start, x_stop, y_start, y_stop = detector.bounds()
-        reach = max(reach, math.hypot(max(-x_start, x_stop), max(-y_start, y_stop)))
-    reach += 2.0 * _largest_aberration(telescope, fields)
-    planes = detector.sub_pixels**2 + (detector.pixels**2 if detector.oversample > 1 else 0)
-    together = max(1, min(_TOGETHER, _PIXELS_TOGETHER // planes)) if with_cube else _TOGETHER
+    boxes = boxes if with_boxes else boxes[:0]
+    sizes = displacements(telescope, fields)
+    farthest = sum(sizes.values())
+    reach = (
+        max(math.sqrt(2.0) * float(boxes.max(initial=0.0)), detector.farthest() if with_cube else 0.0) + 2.0 * farthest
+    )
+    scatter = tuple(scatter_table(surfaces, telescope, wavelength) for wavelength in wavelengths)
+    specular_fractions = tuple(math.exp(-sum(row.g for row in rows)) for rows in scatter)
+    share = 0.0 if everything else SHARE
+    allowed = Tolerance(share * tolerance.pixel, share * tolerance.ee)
+    pixels_to = detector.farthest() + 2.0 * farthest if with_cube else 0.0
+    smooth = tuple(smooth_enough(surfaces, telescope, wavelength, pixels_to, allowed) for wavelength in wavelengths)
+    worth = sensitivity(
+        {wavelength: each.surfaces for wavelength, each in zip(wavelengths, smooth, strict=True)},
+        telescope,
+        max(specular_fractions),
+        detector if with_cube else None,
+        float(boxes.min(initial=math.inf)),
+    )
+    displaced = worth.change(farthest) if farthest else Tolerance(0.0, 0.0)
+    unaberrated = not everything and displaced.pixel <= allowed.pixel and displaced.ee <= allowed.ee
+    modelled = replace(telescope, seidel=SeidelTable()) if unaberrated else telescope
+    shifted = displaced if unaberrated else Tolerance(0.0, 0.0)
+    rough = [each.scatters for each in smooth]
+    computations = (
+        each_by_itself(fields, len(wavelengths))
+        if everything
+        else shared_computations(modelled, fields, rough, detector if with_cube else None)
+    )
     return Plan(
         telescope=telescope,
         surfaces=tuple(surfaces),
@@ -102,30 +141,51 @@ def plan_scene(
         half_widths=boxes,
         reach=reach,
         scatter=scatter,
-        specular_fractions=tuple(math.exp(-sum(row.g for row in rows)) for rows in scatter),
-        spots=spots,
-        together=together,
-        memory=_OVERHEAD + ((_WORKING_COPIES + together - 1) * jobs * _BYTES * planes if with_cube else 0.0),
-        output=float(_BYTES * planes * len(fields) * len(wavelengths)) if with_cube else 0.0,
+        specular_fractions=specular_fractions,
+        modelled_telescope=modelled,
+        modelled_surfaces=tuple(each.surfaces for each in smooth),
+        left_out=tuple(
+            Tolerance(each.left_out.pixel + shifted.pixel, each.left_out.ee + shifted.ee) for each in smooth
+        ),
+        computations=computations,
+        resources=resources(
+            detector if with_cube else None,
+            int(boxes.size),
+            len(wavelengths) * len(fields),
+            len(computations),
+            jobs,
+            max_memory,
+        ),
+        effects=(
+            *_scatter_effects(surfaces, telescope, wavelengths, smooth),
+            *aberration_effects(sizes, worth, modelled=modelled.seidel != SeidelTable()),
+            *image_effects(computations, _field_names(telescope, fields), _wavelength_names(wavelengths)),
+            *grid_effects(detector, with_cube=with_cube, boxes=int(boxes.size), distance=reach),
+        ),
         warnings=tuple(_remarks(telescope, surfaces, reach)),
     )
 
 
-def _largest_aberration(telescope: Telescope, fields: Sequence[Field]) -> float:
-    """A bound of the transverse ray error within max_field, or to the farthest field beyond it [mm].
+def _scatter_effects(
+    surfaces: Sequence[Surface], telescope: Telescope, wavelengths: Sequence[float], smooth: Sequence[Smoothness]
+) -> Iterator[Effect]:
+    names = [f" at {name}" if len(wavelengths) > 1 else "" for name in _wavelength_names(wavelengths)]
+    for name, wavelength, smoothness in zip(names, wavelengths, smooth, strict=True):
+        yield from scatter_effects(surfaces, telescope, wavelength, smoothness, name)
 
-    The same for every subset of the fields within max_field, so that a sweep in parts gives the numbers of the whole.
-    """
-    farthest = max([1.0, *(math.hypot(*telescope.relative_field(field)) for field in fields)])
-    W = telescope.seidel
-    slope = (
-        2.0 * abs(W.W020)
-        + 4.0 * abs(W.W040)
-        + 3.0 * abs(W.W131) * farthest
-        + 2.0 * (abs(W.W222) + abs(W.W220)) * farthest**2
-        + abs(W.W311) * farthest**3
-    )
-    return slope / telescope.image_slope
+
+def _wavelength_names(wavelengths: Sequence[float]) -> list[str]:
+    return [f"{1e6 * wavelength:.6g} nm" for wavelength in wavelengths]
+
+
+def _field_names(telescope: Telescope, fields: Sequence[Field]) -> list[str]:
+    unit, scale = ("deg", math.degrees(1.0)) if telescope.object_at_infinity else ("mm", 1.0)
+    up = 0.5 * math.pi
+    return [
+        f"{scale * field.radius:.6g} {unit}"
+        + (f" at azimuth {math.degrees(field.azimuth):.6g} deg" if field.azimuth != up else "")
+        for field in fields
+    ]
 
 
 def _remarks(telescope: Telescope, surfaces: Sequence[Surface], reach: float) -> list[str]:

@@ -65,19 +65,19 @@ class Result:
 
 
 def gather(header: RunHeader, images: Iterable[tuple[int, int, FieldImage]]) -> Result:
-    """The run in memory, from images that come wavelength after wavelength, fields in order, each with its cube."""
-    summaries, pixels, sub_pixels = [], [], []
-    for wavelength_index, field_index, image in images:
-        summaries.append(ImageSummary.of(wavelength_index, field_index, image))
-        pixels.append(image.psf)
-        sub_pixels.append(image.psf_over)
+    """The run in memory, from images that come in any order, each with its cube."""
+    n, m = header.detector.pixels, header.detector.oversample
     shape = (len(header.wavelengths), len(header.fields))
-    over = None if sub_pixels[0] is None else _cube(sub_pixels, shape)
-    return Result(header, _cube(pixels, shape), over, tuple(summaries))
-
-
-def _cube(planes: list[Any], shape: tuple[int, int]) -> NDArray[np.float64]:
-    return np.stack(planes).reshape(*shape, *planes[0].shape)
+    psf = np.empty((*shape, n, n))
+    over = None if m == 1 else np.empty((*shape, n * m, n * m))
+    summaries = {}
+    for wavelength_index, field_index, image in images:
+        at = wavelength_index, field_index
+        summaries[at] = ImageSummary.of(wavelength_index, field_index, image)
+        psf[at] = image.psf
+        if over is not None:
+            over[at] = image.psf_over
+    return Result(header, psf, over, tuple(summaries[at] for at in sorted(summaries)))
 
 
 def _with_units(header: fits.Header, rows: NDArray[Any]) -> QTable:

@@ -8,7 +8,7 @@ import hashlib
 import os
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from mmap import ACCESS_READ, mmap
+from mmap import ACCESS_READ, MADV_DONTNEED, mmap
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 TEMPORARY = ".psfcli-unfinished-"
+_MAPPED = 1 << 25  # bytes of a file in memory at a time
 
 _REASONS = {
     errno.ENOSPC: "the disk is full",
@@ -167,6 +168,11 @@ def _synchronise(path: Path) -> None:
 
 def _synchronised_sha256(path: Path) -> str:
     _synchronise(path)
-    # in one call: every call that returns to Python waits for its lock
+    # in few calls, for every call that returns to Python waits for its lock; the pages read are given back at once
+    digest = hashlib.sha256()
     with path.open("rb") as stream, mmap(stream.fileno(), 0, access=ACCESS_READ) as content:
-        return hashlib.sha256(content).hexdigest()
+        for start in range(0, len(content), _MAPPED):
+            with memoryview(content) as whole, whole[start : start + _MAPPED] as part:
+                digest.update(part)
+            content.madvise(MADV_DONTNEED)
+    return digest.hexdigest()

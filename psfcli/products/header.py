@@ -66,7 +66,7 @@ class RunHeader:
 class ImageSummary:
     """What is kept of an image once its planes are written.
 
-    ``power_in_frame`` is the sum of its PSF (None: no cube was asked for).
+    ``power_in_frame`` is the sum of its PSF, ``power_outside`` the rest (None: no cube was asked for).
     """
 
     wavelength_index: int
@@ -74,7 +74,7 @@ class ImageSummary:
     spot: Spot
     ensquared: EnsquaredEnergy
     power_in_frame: float | None
-    power_outside: float
+    power_outside: float | None
     reached: Tolerance
 
     @classmethod

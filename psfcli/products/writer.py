@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 from typing import TYPE_CHECKING
 
-from psfcli.products.atomic import OutputError, Stage, output_errors
+from psfcli.products.atomic import Stage, output_errors
 from psfcli.products.header import ImageSummary
 from psfcli.products.manifest import manifest
 from psfcli.products.tables import ensquared_rows, write_csv
-from psfcli.products.target import EE_TABLE, FITS, FORMATS, MANIFEST, check_target, products_in
+from psfcli.products.target import EE_TABLE, FITS, FORMATS, MANIFEST, check_room, check_target, cube_bytes, products_in
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,6 +37,8 @@ class ProductWriter:
     ) -> None:
         with output_errors(directory):
             check_target(directory, overwrite=overwrite)
+        images = len(header.fields) * len(header.wavelengths)
+        check_room(directory, cube_bytes(header.detector, images, formats))
         self._directory = directory
         self._header = header
         self._formats = tuple(formats)
@@ -49,7 +50,7 @@ class ProductWriter:
         self.notes: tuple[str, ...] = ()
 
     def __enter__(self) -> ProductWriter:
-        """Make the directory and open the temporaries; raises OutputError when the disk has not the room."""
+        """Make the directory and open the temporaries."""
         with output_errors(self._directory):
             self._stage = Stage(self._directory)
             try:
@@ -79,10 +80,6 @@ class ProductWriter:
             self._stage.close()
 
     def _open(self) -> None:
-        needed = self._cube_bytes()
-        free = shutil.disk_usage(self._directory).free
-        if needed > free:
-            raise OutputError(f"{self._directory}: the products need {needed:.3g} bytes, the disk has {free:.3g} free")
         # imported where asked for: astropy.io.fits and OpenEXR take as long to load as a small run
         if "fits" in self._formats:
             from psfcli.products.fits import FitsProduct
@@ -93,13 +90,6 @@ class ProductWriter:
 
             self._exr = ExrProduct(self._stage, self._header)
 
-    def _cube_bytes(self) -> int:
-        detector = self._header.detector
-        values = sum((detector.pixels * scale) ** 2 for scale in {1, detector.oversample})
-        # exr: float32, and the same again until a file is whole
-        each = 8 * ("fits" in self._formats) + 2 * 4 * ("exr" in self._formats)
-        return each * values * len(self._header.fields) * len(self._header.wavelengths)
-
     def _finish(self) -> None:
         announced = len(self._header.wavelengths) * len(self._header.fields)
         added = {(summary.wavelength_index, summary.field_index) for summary in self._summaries}
@@ -107,7 +97,7 @@ class ProductWriter:
             raise ValueError(
                 f"{len(self._summaries)} images were added ({len(added)} different), {announced} announced"
             )
-        ensquared = ensquared_rows(self._header, self._summaries)
+        ensquared = ensquared_rows(self._header, self._summaries) if {"fits", "csv"} & set(self._formats) else []
         if self._fits is not None:
             self._fits.finish(self._summaries, ensquared)
             self._stage.seal(FITS)

@@ -33,9 +33,6 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _CORE_ANGLE = 2.0 * math.pi / 3.0
-# along the rays in ln tau: leaves exp(-2 pi (pi/6)/step) = 1e-17, relative to the largest term alone, for in the valley
-# between a narrow and a wide term the density is many decades below both
-_STEP = math.pi**2 / 3.0 / math.log(1e17)
 _LARGEST_VARIANCE = 1000.0
 _LOG_HUGE = 600.0  # on the cut h may grow without bound, far beyond where exp(-w) lets it count
 _LOG_MIN = math.log(1e-17)  # w below which a constant h has nothing left to say
@@ -101,10 +98,14 @@ class MixtureError(ArithmeticError):
     """A scatter whose mixing density the two rays do not resolve: very large C, or g of many thousands."""
 
 
-def mixing_density(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -> tuple[Real, float]:
+def mixing_density(
+    v: Real, terms: Sequence[ScatterTerm], total_variance: float, error: float = 1e-15
+) -> tuple[Real, float]:
     """c(v) [per unit of ln v] at increasing variances ``v`` [mm^2], same shape, and its relative error at the switch.
 
-    ``total_variance`` is G. The error that comes back is rounding up to C = 6, some 1e-12 at C = 8, 1e-7 at C = 12, and
+    ``total_variance`` is G; ``error`` is what the trapezoid rule along the rays may leave, exp(-2 pi (pi/6)/step) on
+    the core ray, of the largest term: in the valley between a narrow and a wide one the density is many decades below
+    both. The error that comes back is rounding up to C = 6, some 1e-12 at C = 8, 1e-7 at C = 12, and
     grows with C and G. Raises MixtureError where the density is not finite or holds more light than is scattered: it
     is then a difference of huge numbers.
     """
@@ -116,8 +117,9 @@ def mixing_density(v: Real, terms: Sequence[ScatterTerm], total_variance: float)
     if total_variance > _LARGEST_VARIANCE:
         raise fault
     with np.errstate(all="ignore"):
-        core = _on_core_ray(v, terms, total_variance)
-        wing = _on_cut(v, terms, total_variance)
+        step = math.pi**2 / 3.0 / math.log(100.0 / error)
+        core = _on_core_ray(v, terms, total_variance, step)
+        wing = _on_cut(v, terms, total_variance, step)
         disagreement = np.abs(core / wing - 1.0)
     switch = int(np.argmin(np.where(np.isfinite(disagreement), disagreement, np.inf)))
     density = np.maximum(np.where(np.arange(v.size) < switch, core, wing), 0.0)
@@ -128,20 +130,20 @@ def mixing_density(v: Real, terms: Sequence[ScatterTerm], total_variance: float)
     return density, float(disagreement[switch]) if np.isfinite(disagreement[switch]) else 1.0
 
 
-def _ray(v: Real, log_end: float) -> Real:
-    return np.exp(np.arange(_LOG_MIN - math.log(v[-1]), log_end - math.log(v[0]), _STEP))
+def _ray(v: Real, log_end: float, step: float) -> Real:
+    return np.exp(np.arange(_LOG_MIN - math.log(v[-1]), log_end - math.log(v[0]), step))
 
 
-def _on_core_ray(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -> Real:
+def _on_core_ray(v: Real, terms: Sequence[ScatterTerm], total_variance: float, step: float) -> Real:
     turn = complex(math.cos(_CORE_ANGLE), math.sin(_CORE_ANGLE))
-    tau = _ray(v, math.log(40.0 / -turn.real))
+    tau = _ray(v, math.log(40.0 / -turn.real), step)
     q = np.sqrt(tau * turn / (2.0 * math.pi**2))
     exponent = np.zeros(tau.shape, dtype=np.complex128)
     for term in terms:
         exponent += term.phase_variance * autocovariance_off_axis(2.0 * math.pi * term.width * q, term.nu)
     h = _scattered_share(exponent, total_variance)
     w = np.multiply.outer(v, tau * turn)
-    return (np.exp(w) * w).dot(h).imag * (_STEP / math.pi)
+    return (np.exp(w) * w).dot(h).imag * (step / math.pi)
 
 
 def _scattered_share(exponent: Complex, total_variance: float) -> Complex:
@@ -155,8 +157,8 @@ def _scattered_share(exponent: Complex, total_variance: float) -> Complex:
     return share
 
 
-def _on_cut(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -> Real:
-    tau = _ray(v, math.log(60.0))
+def _on_cut(v: Real, terms: Sequence[ScatterTerm], total_variance: float, step: float) -> Real:
+    tau = _ray(v, math.log(60.0), step)
     t = np.sqrt(tau / (2.0 * math.pi**2))
     real = np.full(tau.shape, -total_variance)
     imaginary = np.zeros(tau.shape)
@@ -166,4 +168,4 @@ def _on_cut(v: Real, terms: Sequence[ScatterTerm], total_variance: float) -> Rea
         imaginary += term.phase_variance * im
     h = np.exp(np.minimum(real, _LOG_HUGE)) * np.sin(imaginary)
     w = np.multiply.outer(v, tau)
-    return (w * np.exp(-w)).dot(-h) * (_STEP / math.pi)
+    return (w * np.exp(-w)).dot(-h) * (step / math.pi)

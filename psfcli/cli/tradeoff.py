@@ -1,0 +1,104 @@
+"""``psfcli tradeoff``: what accuracy costs on one's own scene and machine, beside what one would do otherwise."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from psfcli.cli.options import MemorySize
+from psfcli.config import load
+
+if TYPE_CHECKING:
+    from psfcli.config import System
+
+_QUICK_SECONDS = 1.0
+_FULL_SECONDS = 20.0
+
+
+@click.command()
+@click.argument("config", metavar="CONFIG")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2.")
+@click.option("--field", metavar='"0.3 deg"', help="Default: the field of CONFIG with the largest spot.")
+@click.option("--wavelength", metavar='"9.4 nm"', help="Default: the shortest of CONFIG, where most light scatters.")
+@click.option("--quick", is_flag=True, help="The three accuracies with a name, small rivals, everything timed once.")
+@click.option(
+    "--max-seconds",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="S",
+    help=f"Rivals that would take longer are left out; default {_FULL_SECONDS:g}, with --quick {_QUICK_SECONDS:g}.",
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_tradeoff.")
+@click.option("--overwrite", is_flag=True, help="Replace the tradeoff that stands in DIR.")
+@click.option("-q", "--quiet", is_flag=True, help="Nothing on stderr but errors.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    config: str,
+    overrides: tuple[str, ...],
+    field: str | None,
+    wavelength: str | None,
+    quick: bool,
+    max_seconds: float | None,
+    output: Path | None,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Measure what accuracy costs: errors, time and memory of one image of CONFIG (- for standard input).
+
+    One image, at one wavelength and one field, is calculated at a ladder of accuracies, and by a plain FFT, by Monte
+    Carlo and by counting rays. Prints the table and the paths of tradeoff.csv and tradeoff.png (error against time;
+    it needs matplotlib). Exit status as of psfcli run; 3: psfcli did not meet an accuracy.
+    """
+    system = load(config, overrides, [field] if field else None, wavelength=wavelength)
+
+    def say(line: str) -> None:
+        if not quiet:
+            click.echo(line, err=True)
+
+    for warning in system.warnings:
+        say(f"warning: {warning}")
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # every method on one thread
+    # numpy, scipy: not before the system file is known to be good
+    from psfcli.tradeoff import ladder, table, writing
+    from psfcli.tradeoff.rivals import Limits
+
+    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_tradeoff")
+    limits = Limits(
+        seconds=max_seconds or (_QUICK_SECONDS if quick else _FULL_SECONDS),
+        memory=MemorySize.default(),
+        repetitions=1 if quick else 3,
+    )
+    with writing.opened(directory, overwrite=overwrite) as stage:
+        found = ladder.measure(system, limits, say, presets_only=quick)
+        title = _title(found.system)
+        paths, note = writing.write(stage, found, title)
+    click.echo(title)
+    click.echo(
+        f"errors against a calculation that estimates its own as {found.truth.pixel:.0e} of a pixel "
+        f"and {found.truth.ee:.0e} of an ensquared energy\n"
+    )
+    click.echo(table.text_table(found.measurements) + "\n")
+    if note:
+        click.echo(note, err=True)
+    for path in paths:
+        click.echo(path)
+    missed = [m.setting for m in found.measurements if not m.met]
+    if missed:
+        click.echo(f"the accuracy asked for was not met: {', '.join(missed)}", err=True)
+        ctx.exit(3)
+
+
+def _title(system: System) -> str:
+    """What is measured: the scene and the one image of it."""
+    (field,), (wavelength,), detector = system.fields, system.wavelengths, system.detector
+    place = f"{math.degrees(field.radius):.6g}°" if system.telescope.object_at_infinity else f"{field.radius:.6g} mm"
+    if abs(field.azimuth - math.pi / 2.0) > 1e-12:
+        place += f" at azimuth {math.degrees(field.azimuth):.6g}°"
+    return (
+        f"{system.title or 'Untitled system'}: {1e6 * wavelength:.6g} nm, field {place}, "
+        f"{detector.pixels} x {detector.pixels} pixels, oversample {detector.oversample}"
+    )

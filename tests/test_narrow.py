@@ -1,0 +1,109 @@
+"""Gaussians narrower than the spot: grid of rays, blurred fans and table of squares, one against the other."""
+
+import math
+
+import numpy as np
+import pytest
+
+from psfcli.image.blur import FEW_TERMS, fewer_terms, normal_probability
+from psfcli.image.boxes import blurred_in_boxes, unscattered_in_boxes
+from psfcli.image.geometric import geometrical_image, ray_bundle
+from psfcli.image.graded import graded_rays
+from psfcli.image.narrow import narrow_in_squares
+from psfcli.image.squares import square_response
+from psfcli.surface.mixture import GaussianMixture
+from psfcli.telescope.seidel import SeidelTable
+from psfcli.telescope.system import Field, Pupil, Telescope
+
+WAVE = 9.4e-6  # mm
+TABLE = SeidelTable(*(WAVE * w for w in (-30.35, 0.42, -7.6, 48.34, 38.58, -5.48)))
+CENTRES = [(0.0, 0.0), (0.004, -0.003)]
+TILTED = Field(math.radians(0.4), math.radians(30.0))
+UPRIGHT = Field(math.radians(0.5))
+ON_AXIS = Field(0.0, math.radians(30.0))  # an azimuth that the image does not have
+
+
+def point(field, pupil=None):
+    return geometrical_image(Telescope(0.0543, pupil or Pupil(0.48), TABLE, math.radians(0.5), 1750.0), field)
+
+
+def extent(image):
+    return max(image.spot.x_max - image.spot.x_min, image.spot.y_max - image.spot.y_min)
+
+
+def by_rays(image, mixture, centres, half_width):
+    """The plain sum over very many rays, the whole of the other half of the pupil included."""
+    rays = ray_bundle(image.telescope, image.field, 200, 900)
+    energy = np.zeros((len(centres), half_width.size))
+    for weight, s in zip(mixture.weight, np.sqrt(mixture.variance), strict=True):
+        for n, (x, y) in enumerate(centres):
+            for b, w in enumerate(half_width):
+                in_x = normal_probability((x - w - rays.x) / s, (x + w - rays.x) / s)
+                in_y = normal_probability((y - w - rays.y) / s, (y + w - rays.y) / s)
+                energy[n, b] += weight * float(rays.share @ (in_x * in_y))
+    return energy
+
+
+@pytest.mark.parametrize("field", [TILTED, UPRIGHT, ON_AXIS], ids=["tilted", "upright", "on axis"])
+@pytest.mark.parametrize("pupil", [Pupil(0.48), Pupil(0.2, (0.3, 2.0))], ids=["annulus", "sector"])
+def test_grid_and_fans_hold_what_very_many_rays_say(field, pupil):
+    image = point(field, pupil)
+    half_width = extent(image) * np.array([0.01, 0.1, 0.3, 0.6, 2.0])
+    mixture = GaussianMixture(np.array([0.3, 0.2]), (extent(image) / np.array([40.0, 15.0])) ** 2)
+    expected = by_rays(image, mixture, CENTRES, half_width)  # these rays err by exp(-2 pi^2 s^2/spacing^2): nothing
+    fans = blurred_in_boxes(image, CENTRES, half_width, np.full(2, 1e-8), mixture)
+    np.testing.assert_allclose(fans, expected, atol=2e-8)  # asked, and as much for the blur of edges
+    tight = np.full(2, 1e-9)
+    gridded = narrow_in_squares(image, mixture, CENTRES, half_width, np.full(2, 1e-9), np.full(2, 1e-30))
+    np.testing.assert_allclose(gridded, expected, atol=float(tight.sum()))
+
+
+def test_the_table_of_squares_holds_wide_and_narrow_terms_alike():
+    image = point(UPRIGHT)
+    half_width = extent(image) * np.array([0.02, 0.2, 0.5, 1.0, 5.0, 50.0])
+    mixture = GaussianMixture(np.full(8, 0.1), (extent(image) * np.geomspace(0.03, 30.0, 8)) ** 2)
+    expected = by_rays(image, mixture, CENTRES, half_width)
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        energy = square_response(mixture, half_width).energy(image, CENTRES, tolerance)
+        assert np.abs(energy - expected).max() <= tolerance
+
+
+def test_a_gaussian_of_no_width_is_no_blur():
+    image = point(TILTED)
+    half_width = extent(image) * np.array([0.1, 0.3, 0.6])
+    ((sharp, _),) = unscattered_in_boxes([image], [CENTRES], half_width, 1e-8)
+    blurred = blurred_in_boxes(
+        image, CENTRES, half_width, np.full(2, 1e-8), GaussianMixture(np.ones(1), np.array([1e-18]))
+    )
+    np.testing.assert_allclose(blurred, sharp, atol=3e-8)
+
+
+def test_fewer_terms_do_to_edges_what_all_did():
+    image = point(UPRIGHT)
+    half_width = extent(image) * np.array([0.05, 0.2, 0.4, 0.7])
+    width = extent(image) * np.geomspace(1e-4, 3e-3, 14)
+    mixture = GaussianMixture(np.geomspace(0.001, 0.05, 14), width**2)
+    few = fewer_terms(mixture)
+    assert few.weight.size == FEW_TERMS
+    assert few.weight.sum() == pytest.approx(mixture.weight.sum(), rel=1e-13)
+    assert few.weight @ few.variance == pytest.approx(mixture.weight @ mixture.variance, rel=1e-12)
+    all_terms, some = (blurred_in_boxes(image, CENTRES, half_width, np.full(2, 1e-8), m) for m in (mixture, few))
+    np.testing.assert_allclose(some, all_terms, atol=1e-7)  # what both integrals and the rule may leave
+
+
+def test_graded_rays_are_a_quadrature_of_the_pupil():
+    image = point(TILTED)
+    rays = graded_rays(image, lambda x, y: np.maximum(0.05 * np.hypot(x - 0.002, y), 1e-4))
+    assert rays.share.sum() == pytest.approx(1.0, abs=1e-12)
+    assert rays.share @ rays.x == pytest.approx(image.spot.centroid_x, abs=1e-10)
+    assert rays.share @ (rays.y - image.spot.centroid_y) ** 2 == pytest.approx(image.spot.rms_y**2, rel=1e-8)
+
+
+def test_boxes_computed_together_are_those_computed_alone():
+    images = [point(field) for field in (UPRIGHT, TILTED, ON_AXIS)]
+    half_width = 0.021 * np.array([0.1, 0.5, 1.0, 2.0, 30.0])
+    together = unscattered_in_boxes(images, [CENTRES, CENTRES[:1], CENTRES], half_width, 1e-6)
+    for image, centres, (inside, _) in zip(images, [CENTRES, CENTRES[:1], CENTRES], together, strict=True):
+        ((alone, error),) = unscattered_in_boxes([image], [centres], half_width, 1e-6)
+        np.testing.assert_allclose(inside, alone, atol=1e-6)
+        assert error <= 1e-6
