@@ -25,7 +25,7 @@ from .system import TruthSystem, specular_weight
 Window = tuple[float, float, float, float]
 Density = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-RELATIVE, FAINTEST = 1e-9, 1e-35  # of each rectangle's scattered light: a core missed by all rays shows in its tail
+RELATIVE, FAINTEST = 1e-8, 1e-35  # of each rectangle's scattered light: a core missed by all rays shows in its tail
 _UNSCATTERED = 3e-10  # the tolerance of unscattered light, of all light
 _MOST_CELLS = 100_000
 _TABLE = 1e-12  # relative error of the tabled energies
@@ -84,7 +84,7 @@ class Image:
     def energy(self, window: Window, absolute: float = FAINTEST) -> float:
         """Fraction of all light in the window (x0, x1, y0, y1) [mm]."""
         lit = self.specular * self.unscattered(window) if self.specular > 1e-18 else 0.0
-        return lit + self.scattered(window, absolute)
+        return lit + self.scattered(window, max(absolute, RELATIVE * lit))
 
     def square(self, half_width: float, centre: tuple[float, float] = (0.0, 0.0)) -> float:
         """Ensquared energy: the square of ``half_width`` [mm] about ``centre`` [mm]."""
@@ -109,7 +109,8 @@ class Image:
             beyond = self.halo.outside(gap[away] ** 2)
             result[away] = -_along_edges(self.halo.outside, window, x[away], y[away], gap[away])
             lost = np.zeros_like(away)
-            lost[away] = _TABLE * beyond > _CANCELLED * np.abs(result[away])
+            # an error that is small against the mean of these rays, of like weights, is small in the whole
+            lost[away] = _TABLE * beyond > _CANCELLED * np.maximum(np.abs(result[away]), result.mean())
             if lost.any():
                 result[lost] = sum(self._about(part, x[lost], y[lost]) for part in _in_quarters(window))
         return result
@@ -124,8 +125,7 @@ def pupil_mean(system: TruthSystem, density: Density, apart: float = np.inf, abs
 
     To begin with, rays land about ``apart`` [mm] from each other or nearer.
 
-    Cells are quartered until a cell and its quarters agree within 1/32 of ``RELATIVE`` of the whole or of
-    ``absolute``.
+    Cells are quartered until a cell and its quarters agree within ``RELATIVE`` of the whole or ``absolute``.
     The rule, of degree 13, then errs by far less. Raises ArithmeticError beyond ``_MOST_CELLS``.
     """
     inner, (first, last) = system.obscuration, _azimuths(system)
@@ -154,7 +154,7 @@ def pupil_mean(system: TruthSystem, density: Density, apart: float = np.inf, abs
         fine = rule(quarters)
         together = fine.reshape(-1, 4).sum(axis=1)
         whole = settled + together.sum()
-        poor = np.abs(together - coarse) > max(RELATIVE * abs(whole), absolute) / 32.0
+        poor = np.abs(together - coarse) > max(RELATIVE * abs(whole), absolute)
         settled += together[~poor].sum()
         poor4 = np.repeat(poor, 4)
         cells, coarse = quarters[poor4], fine[poor4]
