@@ -204,8 +204,8 @@ REFUSED = """## What is refused
 
 The BSDF goes through the mixture of Gaussians. Where that does not resolve a spectrum both steep and rough, and two
 calculations by different steps disagree by more than 1e-8, it is an error that says so, never a wrong number. In the
-core that begins near g = 15 for C = 8, g = 6 for C = 10, g = 3 for C = 12 and g = 0.8 for C = 14. Refused are g above
-1000, too, and g below 1e-16, which the mixture does not tell from none.
+core that begins near g = 15 for C = 8, g = 6 for C = 10, g = 3 for C = 12 and g = 0.8 for C = 14. Refused is g above
+1000, too.
 
 ## What doubles do not hold
 

@@ -99,15 +99,15 @@ class MixtureError(ArithmeticError):
 
 
 def mixing_density(
-    v: Real, terms: Sequence[ScatterTerm], total_variance: float, error: float = 1e-15
+    v: Real, terms: Sequence[ScatterTerm], total_variance: float, error: float = 1e-24
 ) -> tuple[Real, float]:
     """c(v) [per unit of ln v] at increasing variances ``v`` [mm^2], same shape, and its relative error at the switch.
 
     ``total_variance`` is G; ``error`` is what the trapezoid rule along the rays may leave, exp(-2 pi (pi/6)/step) on
     the core ray, of the largest term: in the valley between a narrow and a wide one the density is many decades below
-    both. The error that comes back is rounding up to C = 6, some 1e-12 at C = 8, 1e-7 at C = 12, and
-    grows with C and G. Raises MixtureError where the density is not finite or holds more light than is scattered: it
-    is then a difference of huge numbers.
+    both, and the core of what is steep and rough is a small difference. The error that comes back is rounding up to
+    C = 6, some 1e-12 at C = 8, 1e-7 at C = 12, and grows with C and G. Raises MixtureError where the density is not
+    finite or holds more light than is scattered: it is then a difference of huge numbers.
     """
     highest = max(term.nu for term in terms)
     fault = MixtureError(
@@ -124,7 +124,7 @@ def mixing_density(
     switch = int(np.argmin(np.where(np.isfinite(disagreement), disagreement, np.inf)))
     density = np.maximum(np.where(np.arange(v.size) < switch, core, wing), 0.0)
     beyond = sum(term.phase_variance for term in terms) - total_variance
-    light = math.exp(min(beyond, _LOG_HUGE)) - math.exp(-total_variance)
+    light = math.expm1(min(beyond, _LOG_HUGE)) - math.expm1(-total_variance)
     if not np.trapezoid(density, np.log(v)) < 1.1 * light:
         raise fault
     return density, float(disagreement[switch]) if np.isfinite(disagreement[switch]) else 1.0
