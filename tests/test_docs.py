@@ -113,7 +113,13 @@ def interrupted(directory: Path) -> int:
     """The exit code of a run that is interrupted once it has begun to write into ``directory``."""
     many = ["--set", "fields={start: 0 deg, stop: 0.5 deg, count: 2000}", "--jobs", "1"]
     command = [sys.executable, "-m", "psfcli", "run", str(PAPER), "-o", str(directory), *many, "--format", "csv"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    # in the background of a shell SIGINT would be ignored, and by all that is started there
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
     deadline = time.monotonic() + 60.0
     while not directory.exists() and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
