@@ -82,7 +82,7 @@ class Image:
         return pupil_mean(self.system, lambda x, y: self._about(window, x, y), _RAYS_PER_CORE * self._core, absolute)
 
     def energy(self, window: Window, absolute: float = FAINTEST) -> float:
-        """Fraction of all light in the window (x0, x1, y0, y1) [mm], relative error ``RELATIVE`` or ``absolute`` error."""
+        """Fraction of all light in the window (x0, x1, y0, y1) [mm], within ``RELATIVE`` of it or ``absolute``."""
         lit = self.specular * self.unscattered(window) if self.specular > 1e-18 else 0.0
         # many cells of the pupil may each err by what is given to one
         return lit + self.scattered(window, max(0.1 * absolute, 0.01 * RELATIVE * lit))
