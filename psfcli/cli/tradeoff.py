@@ -63,7 +63,8 @@ def command(
         say(f"warning: {warning}")
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # every method on one thread
     # numpy, scipy: not before the system file is known to be good
-    from psfcli.tradeoff import ladder, table, writing
+    from psfcli.products.report import opened, write_report
+    from psfcli.tradeoff import ladder, picture, table
     from psfcli.tradeoff.rivals import Limits
 
     directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_tradeoff")
@@ -72,10 +73,11 @@ def command(
         memory=MemorySize.default(),
         repetitions=1 if quick else 3,
     )
-    with writing.opened(directory, overwrite=overwrite) as stage:
+    with opened(directory, "tradeoff", overwrite=overwrite) as stage:
         found = ladder.measure(system, limits, say, presets_only=quick)
         title = _title(found.system)
-        paths, note = writing.write(stage, found, title)
+        pictures = {"tradeoff.png": lambda stream: picture.draw(stream, title, found.measurements)}
+        paths, note = write_report(stage, "tradeoff", table.csv_text(found.measurements), pictures)
     click.echo(title)
     click.echo(
         f"errors against a calculation that estimates its own as {found.truth.pixel:.0e} of a pixel "

@@ -6,28 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import Any, BinaryIO
 
-import numpy as np
-
+from psfcli.pictures.canvas import sheet
 from psfcli.tolerance import PRESETS
 from psfcli.tradeoff.ladder import OURS
 from psfcli.tradeoff.measurement import Measurement
 from psfcli.tradeoff.rivals import FFT, MONTE_CARLO, RAYS
 
 _LOOK = {OURS: ("C3", "o"), FFT: ("C0", "s"), MONTE_CARLO: ("C2", "^"), RAYS: ("0.5", "v")}
-_COLOURS = 96
 _PANELS = {"pixel": "largest relative error of a pixel", "ee": "largest error of an ensquared energy"}
-_STYLE: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "axes.linewidth": 0.6,
-    "axes.grid": True,
-    "grid.color": "0.9",
-    "grid.linewidth": 0.5,
-    "axes.axisbelow": True,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 4.5,
-    "legend.frameon": False,
-}
 
 
 def draw(stream: BinaryIO, title: str, measurements: Sequence[Measurement]) -> None:
@@ -36,15 +22,8 @@ def draw(stream: BinaryIO, title: str, measurements: Sequence[Measurement]) -> N
     Errors of 0 have no place on the axis; a method that has no others is named as such. A panel in which no error is
     above 0 is left out. Raises ImportError where matplotlib is missing.
     """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from PIL import Image  # matplotlib needs it, too
-
     drawn = [name for name in _PANELS if any(_shown(m, name) for m in measurements)]
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(1.2 + 3.7 * len(drawn), 3.6), dpi=110, layout="constrained")
-        canvas: Any = FigureCanvasAgg(figure)
+    with sheet(stream, 1.2 + 3.7 * len(drawn), 3.6) as figure:
         axes = figure.subplots(1, len(drawn), squeeze=False, sharex=True)[0]
         for axis, name in zip(axes, drawn, strict=True):
             for method in dict.fromkeys(m.method for m in measurements):
@@ -58,9 +37,6 @@ def draw(stream: BinaryIO, title: str, measurements: Sequence[Measurement]) -> N
         figure.suptitle(title, fontsize=9.5)
         handles, labels = axes[-1].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-        canvas.draw()
-    # a palette makes the file a third as large
-    Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(_COLOURS).save(stream, "png")
 
 
 def _shown(m: Measurement, name: str) -> bool:
