@@ -23,6 +23,7 @@ Real = NDArray[np.float64]
 
 # seconds, on any machine only in proportion: of a ray laid on a grid, and of one Gaussian in one box at tolerance 1
 _RAY_COST, _FAN_COST = 1.5e-6, 1.5e-5
+_LEAST = 1e-13  # of all light: no fan knows it better
 
 
 def narrow_in_squares(
@@ -43,19 +44,25 @@ def narrow_in_squares(
         strict[-1] = True
     owner = np.minimum(np.searchsorted(np.flatnonzero(strict), np.arange(error.size)), np.count_nonzero(strict) - 1)
     weight, variance = np.bincount(owner, mixture.weight).astype(np.float64), mixture.variance[strict]
-    spacing = ray_spacing(np.sqrt(variance), error[strict])
-    extent = math.hypot(point.spot.x_max - point.spot.x_min, point.spot.y_max - point.spot.y_min)
-    farthest = float(half_width[-1])
+    width = np.sqrt(variance)
+    spacing = ray_spacing(width, error[strict])
+    spot, farthest = point.spot, float(half_width[-1])
     x, y = np.array(centres).T
     window = x.min() - farthest, x.max() + farthest, y.min() - farthest, y.max() + farthest
+    from_spot = np.maximum.reduce([spot.x_min - x, x - spot.x_max, spot.y_min - y, y - spot.y_max]) - farthest
+    reached = from_spot <= TAIL * width[:, None]
+    extent = math.hypot(spot.x_max - spot.x_min, spot.y_max - spot.y_min)
     boxes = 1 + int(np.count_nonzero((half_width < extent) & (half_width > 0.01 * extent)))
     by_fans = _fewest(
-        ray_count(point, window).at(spacing), boxes * np.sqrt(np.cumsum(np.abs(weight))) * np.sum(tolerance**-0.5)
+        ray_count(point, window).at(spacing), boxes * np.sqrt(np.cumsum(np.abs(weight))) * (reached @ tolerance**-0.5)
     )
     energy = np.zeros((len(centres), half_width.size))
     if by_fans:
+        some = np.flatnonzero(reached[by_fans - 1])
         narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]))
-        energy += blurred_in_boxes(point, centres, half_width, tolerance, narrowest)
+        energy[some] += blurred_in_boxes(
+            point, [centres[n] for n in some], half_width, np.maximum(tolerance[some], _LEAST), narrowest
+        )
     wider = GaussianMixture(weight[by_fans:], variance[by_fans:])
     for grid in spot_grids(point, wider, spacing[by_fans:], window):
         energy += _by_grid(grid, centres, half_width)
