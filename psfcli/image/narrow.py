@@ -57,7 +57,7 @@ def narrow_in_squares(
         ray_count(point, window).at(spacing), boxes * np.sqrt(np.cumsum(np.abs(weight))) * (reached @ tolerance**-0.5)
     )
     energy = np.zeros((len(centres), half_width.size))
-    if by_fans:
+    if by_fans and reached[by_fans - 1].any():
         some = np.flatnonzero(reached[by_fans - 1])
         narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]))
         energy[some] += blurred_in_boxes(
