@@ -14,8 +14,9 @@ from truth.geometry import counted_pixels, defocused_annulus, line_focus
 from truth.specular import specular_energy
 
 from psfcli.image.boxes import unscattered_in_boxes
-from psfcli.image.geometric import GeometricalImage, geometrical_image, rays_apart
+from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_image
 from psfcli.image.graded import graded_rays
+from psfcli.image.patches import patches_apart
 from psfcli.image.unscattered import unscattered_on_grid
 from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Pupil, Telescope
@@ -243,9 +244,11 @@ def test_defocus_in_a_sector_is_a_sector_of_a_disc(obscuration):
     assert point.spot.centroid_y == pytest.approx(mean(1, 0, 1), rel=1e-13)
     assert point.spot.rms_x == pytest.approx(math.sqrt(mean(2, 2, 0) - mean(1, 1, 0) ** 2), rel=1e-12)
     width = 0.2 * radius
+    patches = list(patches_apart(point, 0.5 * width))
+    apart = RayBundle(*(np.concatenate([getattr(p, n).ravel() for p in patches]) for n in ("share", "x", "y")))
     for rays in (
         point.rays,
-        rays_apart(point, 0.5 * width),
+        apart,
         graded_rays(point, lambda x, _: np.full_like(x, 0.3 * width)),
     ):
         assert rays.share.sum() == pytest.approx(1.0, rel=1e-12)

@@ -23,8 +23,9 @@ from psfcli.image.blur import (
     ray_spacing,
     shares,
 )
-from psfcli.image.geometric import GeometricalImage, closest_spacing
+from psfcli.image.geometric import GeometricalImage
 from psfcli.image.grid import Detector
+from psfcli.image.patches import ray_count
 from psfcli.image.result import Spot
 from psfcli.image.scatter import Halo
 from psfcli.image.spot_grid import SpotGrid, spot_grids
@@ -56,16 +57,19 @@ class CompositeImage:
     error: float
     unresolved: float
 
-    def unscattered_at(self, y: Index, x: Index) -> Real:
-        """PSF_G in sub-pixels (y, x), shape of both."""
-        inside = (y >= self.rows.start) & (y < self.rows.stop) & (x >= self.columns.start) & (x < self.columns.stop)
+    def unscattered_in(self, y: Index, x: Index, oversample: int = 1) -> Real:
+        """PSF_G in pixels (y, x) of ``oversample`` sub-pixels a side, shape of both."""
         value = np.zeros(y.shape)
-        value[inside] = self.unscattered[y[inside] - self.rows.start, x[inside] - self.columns.start]
+        for i, j in np.ndindex(oversample, oversample):
+            row, column = oversample * y + i - self.rows.start, oversample * x + j - self.columns.start
+            inside = (row >= 0) & (row < self.unscattered.shape[0])
+            inside &= (column >= 0) & (column < self.unscattered.shape[1])
+            value[inside] += self.unscattered[row[inside], column[inside]]
         return value
 
-    def touched(self, y: Index, x: Index) -> NDArray[np.bool_]:
-        """Whether unscattered light touches sub-pixels (y, x) or one of their eight neighbours."""
-        near = [self.unscattered_at(y + i, x + j) > 0.0 for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    def touched(self, y: Index, x: Index, oversample: int = 1) -> NDArray[np.bool_]:
+        """Whether unscattered light touches pixels (y, x) of so many sub-pixels or one of their eight neighbours."""
+        near = [self.unscattered_in(y + i, x + j, oversample) > 0.0 for i in (-1, 0, 1) for j in (-1, 0, 1)]
         return np.any(near, axis=0)
 
 
@@ -105,10 +109,11 @@ def composite_image(point: GeometricalImage, halo: Halo, detector: Detector, tol
         blurring = GaussianMixture(np.append(few.weight, rest.weight), np.append(few.variance, rest.variance))
         allowed = np.append(narrow_error(few, tolerance, math.inf, brightest), allowed[strict & ~local])
         width = np.sqrt(blurring.variance)
-        spacing = np.maximum(ray_spacing(width, allowed), closest_spacing(point))
+        window = detector.bounds()
+        spacing = np.maximum(ray_spacing(width, allowed), ray_count(point, window).closest())
         # a tenth of the tolerance is what each may err by
         unresolved = 0.1 * tolerance.pixel * float(np.max(ray_error(width, spacing) / allowed - 1.0, initial=0.0))
-        for grid in spot_grids(point, blurring, spacing):
+        for grid in spot_grids(point, blurring, spacing, window):
             _add_by_grid(light, edges_x, edges_y, grid)
     light[rows, columns] += weight * unscattered
     return CompositeImage(light, unscattered, rows, columns, weight * error, unresolved)

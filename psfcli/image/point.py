@@ -159,29 +159,34 @@ def _finer(tolerance: Tolerance) -> Tolerance:
 def _probed_error(
     image: CompositeImage, point: GeometricalImage, scatter: WavelengthScatter, detector: Detector, tolerance: Tolerance
 ) -> float:
-    """Largest relative error of the blur, beyond the allowance, at sub-pixels ever farther out: axes and diagonals."""
+    """Largest relative error of the blur, beyond the allowance, at pixels and sub-pixels ever farther out.
+
+    On axes and diagonals. What sub-pixels are allowed each may add up in a pixel.
+    """
     mixture = scatter.halo.mixture
     if mixture.weight.size == 0:
         return 0.0
-    n = detector.sub_pixels
-    step = np.unique(np.geomspace(1.0, n // 2 + 1, _PROBE_STEPS).astype(np.intp)) - 1
     direction = np.array([(0, 1), (1, 1), (1, 0), (-1, 0), (-1, -1)])  # (y, x); more of what symmetry would repeat
-    place = np.clip(n // 2 + step[:, None, None] * direction, 0, n - 1).reshape(-1, 2)
-    y, x = np.unique(place, axis=0).T
-    asked = _finer(tolerance)
-    width, weight = detector.sub_pixel, scatter.halo.unscattered_weight
-    allowance = np.where(image.touched(y, x) & (weight > 0.0), tolerance.ee, 0.0)
-    scattered = scattered_in_cells(
-        point,
-        mixture,
-        detector.edges(0)[x] + 0.5 * width,
-        detector.edges(1)[y] + 0.5 * width,
-        width,
-        asked,
-        narrow_error(mixture, asked, width, float(image.unscattered.max(initial=0.0))),
-        allowance / _REFINEMENT,
-    )
-    truth = scattered + weight * image.unscattered_at(y, x)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.maximum(np.abs(image.light[y, x] - truth) - allowance, 0.0) / truth
-    return float(np.max(error, where=truth > 0.0, initial=0.0))
+    asked, weight = _finer(tolerance), scatter.halo.unscattered_weight
+    largest = 0.0
+    for oversample in {1, detector.oversample}:
+        n, width = detector.sub_pixels // oversample, oversample * detector.sub_pixel
+        step = np.unique(np.geomspace(1.0, n // 2 + 1, _PROBE_STEPS).astype(np.intp)) - 1
+        place = np.clip(n // 2 + step[:, None, None] * direction, 0, n - 1).reshape(-1, 2)
+        y, x = np.unique(place, axis=0).T
+        allowance = np.where(image.touched(y, x, oversample) & (weight > 0.0), tolerance.ee, 0.0)
+        truth = weight * image.unscattered_in(y, x, oversample) + scattered_in_cells(
+            point,
+            mixture,
+            detector.edges(0)[oversample * x] + 0.5 * width,
+            detector.edges(1)[oversample * y] + 0.5 * width,
+            width,
+            asked,
+            narrow_error(mixture, asked, width, min(oversample**2 * float(image.unscattered.max(initial=0.0)), 1.0)),
+            allowance / _REFINEMENT,
+        )
+        light = image.light.reshape(n, oversample, n, oversample)[y, :, x].sum(axis=(1, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = np.maximum(np.abs(light - truth) - allowance, 0.0) / truth
+        largest = max(largest, float(np.max(error, where=truth > 0.0, initial=0.0)))
+    return largest

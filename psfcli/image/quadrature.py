@@ -27,9 +27,9 @@ def gauss_legendre(count: int) -> tuple[Real, Real]:
     return node, weight
 
 
-def gauss_panels(count: int) -> tuple[Real, Real]:
-    """Nodes and weights on (-1, 1), at least ``count``, of Gauss's rule on as many equal panels as keep each small."""
-    panels = 1 + (count - 1) // _LARGEST_PANEL
+def gauss_panels(count: int, largest: int = _LARGEST_PANEL) -> tuple[Real, Real]:
+    """Nodes and weights on (-1, 1), ``count`` or more, of Gauss's rule on equal panels of at most ``largest`` nodes."""
+    panels = 1 + (count - 1) // largest
     node, weight = gauss_legendre(-(-count // panels))
     start = -1.0 + 2.0 * np.arange(panels)[:, None] / panels
     return (start + (node + 1.0) / panels).ravel(), np.tile(weight / panels, panels)
