@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.crossings import pieces_between
-from psfcli.image.geometric import GeometricalImage
+from psfcli.image.geometric import GeometricalImage, ray_fans
 from psfcli.image.quadrature import integrate_adaptively
 
 Real = NDArray[np.float64]
@@ -34,7 +34,8 @@ def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, t
 
     def per_fan(azimuth: Real, modulus: int, power: Real | None = None) -> Real:
         """The light of each fan per cell modulo ``modulus``; with the ``power`` of each fan, their sum (1, modulus)."""
-        pieces = pieces_between(point.telescope, point.field, azimuth, edges_x, edges_y)
+        fans = ray_fans(point.telescope, point.field, azimuth)
+        pieces = pieces_between(*fans, point.telescope.pupil.obscuration, edges_x, edges_y)
         fan = pieces.fan if power is None else np.zeros_like(pieces.fan)
         share = pieces.share if power is None else pieces.share * power[pieces.fan]
         light = np.zeros((azimuth.size if power is None else 1) * modulus)
@@ -62,9 +63,10 @@ def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, t
         energy = rule.integral[0]
     else:
         energy = np.zeros(rows * columns)
-        for first in range(0, rule.node.size, _FANS_AT_ONCE):
+        node, weight = rule.nodes(0)
+        for first in range(0, node.size, _FANS_AT_ONCE):
             part = slice(first, first + _FANS_AT_ONCE)
-            energy += per_fan(rule.node[part], energy.size, rule.weight[part])[0]
+            energy += per_fan(node[part], energy.size, weight[part])[0]
     grid = (energy / (stop - start)).reshape(rows, columns)
     return (0.5 * (grid + grid[:, ::-1]) if symmetric else grid), float(rule.error[0]) / (stop - start)
 
