@@ -71,21 +71,24 @@ def _by_grid(grid: SpotGrid, centres: Sequence[tuple[float, float]], half_width:
     reach_x = np.maximum(grid.x[-1] - x, x - grid.x[0])
     reach_y = np.maximum(grid.y[-1] - y, y - grid.y[0])
     some = int(np.searchsorted(half_width, float(np.maximum(reach_x, reach_y).max()) + margin))
-    energy[:, :some] = 0.0
     (x, in_column), (y, in_row) = (np.unique(c, return_inverse=True) for c in (x, y))  # centres share them
-    together = max(1, _AT_ONCE // (max(x.size, y.size) * max(grid.x.size, grid.y.size)))
-    for weight, variance in zip(grid.mixture.weight, grid.mixture.variance - grid.tau2, strict=True):
-        width = math.sqrt(variance)
-        for first in range(0, some, together):
-            boxes = slice(first, min(first + together, some))
-            in_x = _between(x, half_width[boxes], grid.x, width)
-            in_y = _between(y, half_width[boxes], grid.y, width) @ grid.mass
-            energy[:, boxes] += weight * np.einsum("cbx,cbx->cb", in_y[in_row], in_x[in_column])
+    width = np.sqrt(grid.mixture.variance - grid.tau2)
+    together = max(1, _AT_ONCE // (width.size * len(centres) * max(grid.x.size, grid.y.size)))
+    for first in range(0, some, together):
+        boxes = slice(first, min(first + together, some))
+        in_x = _between(x, half_width[boxes], grid.x, width)
+        in_y = (_between(y, half_width[boxes], grid.y, width).reshape(-1, grid.y.size) @ grid.mass).reshape(
+            width.size, y.size, -1, grid.x.size
+        )
+        energy[:, boxes] = np.einsum("t,tcbx,tcbx->cb", grid.mixture.weight, in_y[:, in_row], in_x[:, in_column])
     return energy
 
 
-def _between(centre: Real, half_width: Real, node: Real, width: float) -> Real:
-    """The share of a Gaussian about each ``node`` within ``half_width`` of each ``centre``: [centre, box, node]."""
-    distance = (centre[:, None] - node)[:, None] / width
-    half = (half_width / width)[:, None]
+def _between(centre: Real, half_width: Real, node: Real, width: Real) -> Real:
+    """The share of Gaussians about each ``node`` within ``half_width`` of each ``centre``.
+
+    Shape [width, centre, box, node].
+    """
+    scale = width[:, None, None, None]
+    distance, half = (centre[:, None] - node)[:, None] / scale, half_width[:, None] / scale
     return normal_probability(distance - half, distance + half)
