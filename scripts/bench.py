@@ -130,12 +130,12 @@ def large_kernel() -> None:
     scatter = shared_scatter(scene)
     size = fft.next_fast_len(2559, real=True)
     plane = np.random.default_rng(0).random((size, size))
-    from psfcli.image.composite import composite_image
+    from psfcli.image.composite import composite_images
     from psfcli.image.geometric import geometrical_image
 
     def kernel() -> None:
         point = geometrical_image(scene.telescope, scene.fields[0])
-        composite_image(point, scatter.halo, detector, scene.tolerance)
+        list(composite_images([point], scatter.halo, detector, scene.tolerance))
 
     def pair() -> None:
         fft.irfft2(fft.rfft2(plane, workers=1), (size, size), workers=1)
