@@ -14,7 +14,8 @@ from truth.geometry import counted_pixels, defocused_annulus, line_focus
 from truth.specular import specular_energy
 
 from psfcli.image.boxes import unscattered_in_boxes
-from psfcli.image.geometric import GeometricalImage, geometrical_image
+from psfcli.image.geometric import GeometricalImage, geometrical_image, rays_apart
+from psfcli.image.graded import graded_rays
 from psfcli.image.unscattered import unscattered_in_windows, unscattered_on_grid
 from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Pupil, Telescope
@@ -252,6 +253,34 @@ def test_finer_obscurations_make_thinner_rings_of_the_same_light():
     # a square of half width h > r/sqrt 2 cuts four arcs of half angle arccos(h/r)
     expected = [0.0, 0.0, 1.0 - 8.0 * math.acos(0.9) / (2.0 * math.pi), 1.0]
     np.testing.assert_allclose(boxes[0][[0, 2, 3]], [expected[0], expected[2], expected[3]], atol=1e-6)
+
+
+@pytest.mark.parametrize("obscuration", [0.0, 0.48])
+def test_defocus_in_a_sector_is_a_sector_of_a_disc(obscuration):
+    """Its centroid and rms in closed form, and blurs to rounding by moments and by rays of either kind."""
+    start, stop, radius = 0.3, 2.1, 0.05
+    point = produced(case_of(obscuration=obscuration, sector=(start, stop), W020=-0.5 * radius * SLOPE))
+    lit = 0.5 * (1.0 - obscuration**2) * (stop - start)
+
+    def mean(power: int, cos: int, sin: int) -> float:  # of (radius rho)^power cos^cos sin^sin
+        angles = integrate.quad(lambda a: math.cos(a) ** cos * math.sin(a) ** sin, start, stop, epsabs=1e-15)[0]
+        return radius**power * (1.0 - obscuration ** (power + 2)) / (power + 2) * angles / lit
+
+    assert point.spot.centroid_x == pytest.approx(mean(1, 1, 0), rel=1e-13)
+    assert point.spot.centroid_y == pytest.approx(mean(1, 0, 1), rel=1e-13)
+    assert point.spot.rms_x == pytest.approx(math.sqrt(mean(2, 2, 0) - mean(1, 1, 0) ** 2), rel=1e-12)
+    width = 0.2 * radius
+    for rays in (
+        point.rays,
+        rays_apart(point, 0.5 * width),
+        graded_rays(point, lambda x, _: np.full_like(x, 0.3 * width)),
+    ):
+        assert rays.share.sum() == pytest.approx(1.0, rel=1e-12)
+        assert rays.share @ np.hypot(rays.x, rays.y) ** 3 == pytest.approx(mean(3, 0, 0), rel=1e-12)
+        seen = rays.share @ np.exp(-0.5 * (rays.x**2 + rays.y**2) / width**2)
+        variance = (width / radius) ** 2
+        exact = variance * (math.exp(-0.5 * obscuration**2 / variance) - math.exp(-0.5 / variance))
+        assert seen == pytest.approx(exact / (0.5 * (1.0 - obscuration**2)), rel=1e-7)
 
 
 def test_sectors_add_up_to_the_annulus():

@@ -90,20 +90,24 @@ def along_fans(fans: Real, rho: Real) -> Real:
 
 
 def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int, *, half: bool = False) -> RayBundle:
-    """Rays at the nodes of a quadrature of the uniformly lit pupil (Gauss in rho^2; in azimuth the trapezoid rule on
+    """Rays at the nodes of a quadrature of the uniformly lit pupil.
 
-    a full annulus, Gauss on a sector). ``half``, for mirror-symmetric images and an even number of ``azimuths``:
-    those on one side of the field direction, standing for both. Without aberrations one ray stands for all.
+    On a full annulus Gauss's rule in rho^2, for the mean over azimuth has no odd powers of rho, and the trapezoid rule
+    in azimuth; on a sector Gauss's in rho and in azimuth. ``half``, for mirror-symmetric images and an even number of
+    ``azimuths``: those on one side of the field direction, standing for both. Without aberrations one ray stands for
+    all.
     """
     if telescope.seidel == SeidelTable():
         return RayBundle(np.ones(1), np.zeros(1), np.zeros(1))
-    inner = telescope.pupil.obscuration**2
+    inner = telescope.pupil.obscuration
     node, weight = gauss_panels(radii)
-    rho = np.sqrt(inner + (1.0 - inner) * 0.5 * (node + 1.0))
     if telescope.pupil.is_full_annulus:
+        rho = np.sqrt(inner**2 + (1.0 - inner**2) * 0.5 * (node + 1.0))
         azimuth = azimuth_rule(telescope, field, azimuths)[: azimuths // 2 if half else azimuths]
         slice_weight = np.full(azimuth.size, 1.0 / azimuth.size)
     else:
+        rho = inner + (1.0 - inner) * 0.5 * (node + 1.0)
+        weight = weight * 2.0 * rho / (1.0 + inner)
         start, stop = telescope.pupil.sector
         slice_node, slice_weight = gauss_panels(azimuths)
         azimuth = start + (stop - start) * 0.5 * (slice_node + 1.0)
