@@ -94,7 +94,10 @@ def _even_moments(point: GeometricalImage, centres: Sequence[tuple[float, float]
 
 def _powers(x: Real) -> Real:
     """x^0 to x^(MAX_MOMENT/2), shape (power, *x.shape)."""
-    return np.multiply.accumulate([np.ones_like(x), *[x] * (MAX_MOMENT // 2)])
+    powers = np.ones((MAX_MOMENT // 2 + 1, *x.shape))
+    for n in range(1, len(powers)):
+        np.multiply(powers[n - 1], x, out=powers[n])
+    return powers
 
 
 def _last_order(moments: Real) -> float:
