@@ -17,7 +17,7 @@ from psfcli.image.boxes import unscattered_in_boxes
 from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_image
 from psfcli.image.graded import graded_rays
 from psfcli.image.patches import patches_apart
-from psfcli.image.unscattered import unscattered_on_grid
+from psfcli.image.unscattered import unscattered_in_windows, unscattered_on_grid
 from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Pupil, Telescope
 
@@ -108,6 +108,33 @@ def test_boxes_are_within_every_tolerance_and_errors_are_told(index):
         true = np.abs(boxes - exact).max()
         assert true <= tolerance + 2e-10  # the judge's, as above
         assert told >= (true - 2e-10) / 3.0
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-7])  # few slices of each, and more than are looked at together
+def test_points_together_are_to_the_last_bit_what_each_is_alone(tolerance):
+    cases = [case_of((0.0, H), **SEIDEL) for H in (1.0, 0.0, 0.3)] + [case_of((0.5, 0.4), **SEIDEL)]
+    points = [produced(case) for case in cases]
+    edges = 1.1 * reach(cases[0]) * np.linspace(-1.0, 1.0, 41)
+    windows = [np.s_[0:40, 0:40], np.s_[15:25, 15:25], np.s_[3:37, 2:38], np.s_[0:9, 0:40]]
+    strict = np.array([tolerance, 0.1 * tolerance, tolerance, 3.0 * tolerance])
+    together = unscattered_in_windows(points, edges, edges, windows, strict)
+    for n, (grid, told) in enumerate(together):
+        ((alone, told_alone),) = unscattered_in_windows(
+            points[n : n + 1], edges, edges, windows[n : n + 1], strict[n : n + 1]
+        )
+        cut, _ = unscattered_on_grid(
+            points[n], *(edges[part.start : part.stop + 1] for part in windows[n][::-1]), strict[n]
+        )
+        assert grid.tobytes() == alone.tobytes()
+        assert told == told_alone
+        np.testing.assert_allclose(grid, cut, rtol=0.0, atol=1e-14)
+    centres = [[(0.0, 0.0), (point.spot.chief_x, point.spot.chief_y)] for point in points]
+    half_width = reach(cases[0]) * np.geomspace(0.01, 1.0, 30)
+    boxes = unscattered_in_boxes(points, centres, half_width, tolerance)
+    for point, some, (inside, told) in zip(points, centres, boxes, strict=True):
+        ((alone, told_alone),) = unscattered_in_boxes([point], [some], half_width, tolerance)
+        assert inside.tobytes() == alone.tobytes()
+        assert told == told_alone
 
 
 @pytest.mark.parametrize("index", [0, 4, 7, 9, 10, 14])

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,19 +54,11 @@ def horizon_loss(
     Within d_j of every surface D is smooth and the fit good to 1e-9 of S. Farther out than some d_j, D replaces the
     wing of that surface, which ends at its horizon, but for ripples of the clip that no Gaussian holds; they are left.
     """
-    rough = [s for s in surfaces if any(term.sigma > 0.0 for term in s.psd)]
-    distance = np.array([telescope.magnified_distance(s.marginal_height) for s in rough])
-    separation = np.array([_clip_separation(s, wavelength) for s in rough])
-    clip = separation / (wavelength * distance)  # q below which each surface's exponent is positive
-    nearest = min(reach, 0.1 * float(distance.min()))
+    rough = tuple(s for s in surfaces if any(term.sigma > 0.0 for term in s.psd))
+    nearest = min(reach, 0.1 * min(telescope.magnified_distance(s.marginal_height) for s in rough))
     radius = np.concatenate([[0.0], nearest * np.linspace(0.1, 1.0, 32), np.geomspace(nearest, reach, 128)[1:]])
     density = scatter.density(radius)
-    q, dq = _panels(np.unique(clip[clip > 0.0]), reach)
-    exponents = np.array(
-        [transfer_exponent(wavelength * d * q, s, wavelength) for s, d in zip(rough, distance, strict=True)]
-    )
-    excess = np.exp(exponents.sum(axis=0)) - np.exp(np.minimum(exponents, 0.0).sum(axis=0))
-    power = 2.0 * math.pi * q * excess * dq
+    q, power = _clipped_power(rough, telescope, wavelength, reach)
     if power.sum() <= share * density[-1]:
         return HorizonLoss(GaussianMixture(np.empty(0), np.empty(0)), radius, np.zeros_like(radius), 0.0)
     loss = special.j0(2.0 * math.pi * np.outer(radius, q)) @ power
@@ -81,6 +74,22 @@ def horizon_loss(
         left / true,
         float(np.trapezoid(2.0 * math.pi * radius * left, radius)),
     )
+
+
+@lru_cache(maxsize=1)  # one mixture asks for what the finer one that judges it has asked for
+def _clipped_power(
+    surfaces: tuple[Surface, ...], telescope: Telescope, wavelength: float, reach: float
+) -> tuple[Real, Real]:
+    """Nodes q [cycles/mm] and 2 pi q [unclipped - clipped] dq there, not to be written to."""
+    distance = np.array([telescope.magnified_distance(s.marginal_height) for s in surfaces])
+    separation = np.array([_clip_separation(s, wavelength) for s in surfaces])
+    clip = separation / (wavelength * distance)  # q below which each surface's exponent is positive
+    q, dq = _panels(np.unique(clip[clip > 0.0]), reach)
+    exponents = np.array(
+        [transfer_exponent(wavelength * d * q, s, wavelength) for s, d in zip(surfaces, distance, strict=True)]
+    )
+    excess = np.exp(exponents.sum(axis=0)) - np.exp(np.minimum(exponents, 0.0).sum(axis=0))
+    return q, 2.0 * math.pi * q * excess * dq
 
 
 def _gaussians(span: float) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.cells import scattered_in_cells
-from psfcli.image.composite import CompositeImage, composite_image, narrow_error
+from psfcli.image.composite import CompositeImage, composite_images, narrow_error
 from psfcli.image.ensquared import ensquared_energy, unaberrated_energy
 from psfcli.image.geometric import GeometricalImage, geometrical_image
 from psfcli.image.grid import Detector
@@ -93,31 +93,30 @@ def field_images(
     """The images of ``fields``: ensquared energy, errors reached and, ``with_cube``, pixels and the light outside."""
     points = [geometrical_image(telescope, field) for field in fields]
     energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance)
-    for point, (ensquared, scattered, error) in zip(points, energies, strict=True):
+    images = composite_images(points, scatter.halo, detector, tolerance) if with_cube else [None] * len(points)
+    for point, image, (ensquared, scattered, error) in zip(points, images, energies, strict=True):
         centres = list(scattered)
         truth = scatter.judge.energy(point, centres, tolerance.ee / _REFINEMENT)
         used = np.array([scattered[centre][scatter.judged] for centre in centres])
         error += max(float(np.max(np.abs(used - truth), initial=0.0)), scatter.energy_error)
-        yield _field_image(point, ensquared, error, scatter, detector, tolerance, with_cube=with_cube)
+        yield _field_image(point, image, ensquared, error, scatter, detector, tolerance)
 
 
 def _field_image(
     point: GeometricalImage,
+    image: CompositeImage | None,
     ensquared: EnsquaredEnergy,
     ee_error: float,
     scatter: WavelengthScatter,
     detector: Detector,
     tolerance: Tolerance,
-    *,
-    with_cube: bool,
 ) -> FieldImage:
-    """The image of one point, whose ensquared energy and its error are known."""
+    """The image of one point, whose ensquared energy and its error are known, as are its pixels if asked for."""
     halo = scatter.halo
     psf = psf_over = outside = None
     pixel_error = 0.0
     ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width.min(initial=math.inf)))
-    if with_cube:
-        image = composite_image(point, halo, detector, tolerance)
+    if image is not None:
         fine = image.light
         corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
         pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
