@@ -30,9 +30,9 @@ _COLLAPSED = 2e-4  # d_j over reach below which a surface's scatter is a point (
 
 @dataclass(frozen=True, slots=True)
 class Halo:
-    """Scattered light as a mixture that holds for distances up to ``reach`` [mm], and the unscattered share.
+    """Scattered light as a mixture that holds as far as it was asked to, and the unscattered share.
 
-    The mixture integrates to the scattered light only together with what lies beyond ``reach``. ``left`` holds
+    The mixture integrates to the scattered light only together with what lies beyond. ``left`` holds
     distances [mm] and relative errors there that a finer mixture does not show, ``left_energy`` the energy in them.
     ``collapsed`` are the TIS and d_j [mm] of surfaces so near the image that all
     their light stays on the unscattered point; ``unscattered_weight`` includes it, ``specular_fraction`` does not.
@@ -41,7 +41,6 @@ class Halo:
     mixture: GaussianMixture
     specular_fraction: float
     unscattered_weight: float
-    reach: float
     left: tuple[Real, Real]
     left_energy: float
     collapsed: tuple[tuple[float, float], ...]
@@ -114,7 +113,7 @@ def scattered_light(
     unscattered_weight = math.exp(-total_variance)
     if not terms:
         nothing = GaussianMixture(np.empty(0), np.empty(0))
-        return Halo(nothing, specular_fraction, unscattered_weight, reach, (np.zeros(1), np.zeros(1)), 0.0, collapsed)
+        return Halo(nothing, specular_fraction, unscattered_weight, (np.zeros(1), np.zeros(1)), 0.0, collapsed)
     # energies average the mixture's error over radius: they keep a hundredth of it
     share = min(0.3 * tolerance.pixel, 10.0 * tolerance.ee)
     step = trapezoid_step(share, max(term.nu for term in terms), total_variance)
@@ -134,7 +133,6 @@ def scattered_light(
         ),
         specular_fraction,
         unscattered_weight,
-        reach,
         (loss.radius, loss.left + doubt),
         loss.energy + doubt * (1.0 - unscattered_weight),
         collapsed,
