@@ -14,7 +14,14 @@ from psfcli.image.grid import Detector
 from psfcli.image.result import SurfaceScatter
 from psfcli.image.scatter import scatter_table
 from psfcli.planning.displacement import displacements, sensitivity
-from psfcli.planning.effects import Effect, aberration_effects, grid_effects, image_effects, scatter_effects
+from psfcli.planning.effects import (
+    Effect,
+    aberration_effects,
+    grid_effects,
+    image_effects,
+    reach_effects,
+    scatter_effects,
+)
 from psfcli.planning.resources import Resources, resources
 from psfcli.planning.sharing import Computation, each_by_itself, shared_computations
 from psfcli.planning.smoothness import Smoothness, smooth_enough
@@ -123,6 +130,7 @@ def plan_scene(
     displaced = worth.change(farthest) if farthest else Tolerance(0.0, 0.0)
     unaberrated = not everything and displaced.pixel <= allowed.pixel and displaced.ee <= allowed.ee
     modelled = replace(telescope, seidel=SeidelTable()) if unaberrated else telescope
+    smallest = min(float(boxes.min(initial=math.inf)), detector.sub_pixel if with_cube else math.inf)
     shifted = displaced if unaberrated else Tolerance(0.0, 0.0)
     rough = [each.scatters for each in smooth]
     computations = (
@@ -158,6 +166,7 @@ def plan_scene(
         ),
         effects=(
             *_scatter_effects(surfaces, telescope, wavelengths, smooth),
+            *_reach_effects(smooth, telescope, wavelengths, reach, smallest, tolerance),
             *aberration_effects(sizes, worth, modelled=modelled.seidel != SeidelTable()),
             *image_effects(computations, _field_names(telescope, fields), _wavelength_names(wavelengths)),
             *grid_effects(detector, with_cube=with_cube, boxes=int(boxes.size), distance=reach),
@@ -169,9 +178,25 @@ def plan_scene(
 def _scatter_effects(
     surfaces: Sequence[Surface], telescope: Telescope, wavelengths: Sequence[float], smooth: Sequence[Smoothness]
 ) -> Iterator[Effect]:
-    names = [f" at {name}" if len(wavelengths) > 1 else "" for name in _wavelength_names(wavelengths)]
-    for name, wavelength, smoothness in zip(names, wavelengths, smooth, strict=True):
+    for name, wavelength, smoothness in zip(_places(wavelengths), wavelengths, smooth, strict=True):
         yield from scatter_effects(surfaces, telescope, wavelength, smoothness, name)
+
+
+def _reach_effects(
+    smooth: Sequence[Smoothness],
+    telescope: Telescope,
+    wavelengths: Sequence[float],
+    reach: float,
+    smallest: float,
+    tolerance: Tolerance,
+) -> Iterator[Effect]:
+    for name, wavelength, smoothness in zip(_places(wavelengths), wavelengths, smooth, strict=True):
+        yield from reach_effects(smoothness.surfaces, telescope, wavelength, reach, smallest, tolerance, name)
+
+
+def _places(wavelengths: Sequence[float]) -> list[str]:
+    """At which wavelength, in words, where there are several."""
+    return [f" at {name}" if len(wavelengths) > 1 else "" for name in _wavelength_names(wavelengths)]
 
 
 def _wavelength_names(wavelengths: Sequence[float]) -> list[str]:
