@@ -48,10 +48,10 @@ def test_the_clip_takes_no_more_than_its_bound_from_any_density(seed):
     r = np.geomspace(1e-3 * reach, reach, 100)
     taken = np.max(np.abs(loss.density(r)) / before.density(r))
     assert 0.0 < taken <= bound.pixel * (1.0 + 1e-6)  # 1e-6: of the fit
-    # not a bound that everything keeps: of steep spectra the clip takes a hundredth of e^b - 1 times pi qc^2
-    if sum(phase_variance(s, LAMBDA) for s in surfaces) < 1.0:
-        assert bound.pixel < 300.0 * taken
     assert 0.0 < bound.ee <= 1.0
+    # not a bound that everything keeps: flat and smooth, the clip takes about e^b - 1 times pi qc^2
+    if len(surfaces) == 1 and surfaces[0].psd[0].C < 2.0 and phase_variance(surfaces[0], LAMBDA) < 1.0:
+        assert bound.pixel < 20.0 * taken
 
 
 def test_a_clip_that_takes_too_little_is_skipped_with_its_bound():
@@ -68,7 +68,8 @@ def test_a_clip_that_takes_too_little_is_skipped_with_its_bound():
     # C = 1.8 has more beyond 1/lambda, and a finer request sees it
     far = "ensquared_energy={half_widths: [2 um, 21 mm]}"
     assert effect(recipe.plan(paper(far)), "horizon").modelled
-    assert effect(recipe.plan(paper(*smooth, accuracy=Tolerance(1e-12, 1e-12))), "horizon").modelled
+    assert not effect(recipe.plan(paper(far, *smooth)), "horizon").modelled
+    assert effect(recipe.plan(paper(far, *smooth, accuracy=Tolerance(1e-9, 1e-11))), "horizon").modelled
     none = effect(recipe.plan(paper("surfaces.0.psd=[]", "surfaces.1.psd=[]")), "horizon")
     assert (none.modelled, none.pixel, none.ee, none.because) == (False, 0.0, 0.0, "nothing scatters")
 
