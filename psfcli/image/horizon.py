@@ -26,6 +26,8 @@ from psfcli.tolerance import Tolerance
 Real = NDArray[np.float64]
 
 _LOG_HUGE = 700.0
+_VANISHED = 1e-3  # of the density before the clip: where less is left, ripples are all there is
+_FADING = 3.0  # power of the distance by which the fit cares less beyond the farthest horizon
 _MOST_RIPPLES = 2000.0  # of J0 within reach; beyond, D is not resolved
 
 
@@ -84,6 +86,7 @@ def horizon_loss(
 
     Within d_j of every surface D is smooth and the fit good to 1e-9 of S. Farther out than some d_j, D replaces the
     wing of that surface, which ends at its horizon, but for ripples of the clip that no Gaussian holds; they are left.
+    Where they are all there is, the error told is 1 or more.
     """
     rough = [s for s in surfaces if any(term.sigma > 0.0 for term in s.psd)]
     distance = np.array([telescope.magnified_distance(s.marginal_height) for s in rough])
@@ -101,13 +104,14 @@ def horizon_loss(
     narrowest = 1.0 / (2.0 * math.pi * q[-1])
     widths = narrowest * np.geomspace(0.5, max(4.0, 2.0 * reach / narrowest), _gaussians(reach / narrowest))
     basis = np.exp(-0.5 * np.divide.outer(radius, widths) ** 2)
-    true = np.maximum(density - loss, 1e-3 * density)  # what the error is relative to
-    height = np.linalg.lstsq(basis / true[:, None], loss / true, rcond=1e-13)[0]
+    true = np.maximum(density - loss, _VANISHED * density)  # what the error is relative to
+    scale = true * np.maximum(radius / distance.max(), 1.0) ** _FADING
+    height = np.linalg.lstsq(basis / scale[:, None], loss / scale, rcond=1e-13)[0]
     left = np.abs(basis @ height - loss)
     return HorizonLoss(
         GaussianMixture(2.0 * math.pi * widths**2 * height, widths**2),
         radius,
-        left / true,
+        np.where(density - loss > _VANISHED * density, left / true, np.maximum(left / true, 1.0)),
         float(np.trapezoid(2.0 * math.pi * radius * left, radius)),
     )
 

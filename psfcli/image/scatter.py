@@ -31,7 +31,7 @@ _CLIP_SHARE = 0.05  # of the tolerance: a clip that takes less is not modelled
 
 @dataclass(frozen=True, slots=True)
 class Halo:
-    """Scattered light as a mixture that holds as far as it was asked to, and the unscattered share.
+    """Scattered light as a mixture that holds for distances up to ``reach`` [mm], and the unscattered share.
 
     The mixture integrates to the scattered light only together with what lies beyond. ``left`` holds distances [mm]
     and relative errors there that a finer mixture does not show, ``left_energy`` the energy in them. ``collapsed`` are
@@ -42,9 +42,14 @@ class Halo:
     mixture: GaussianMixture
     specular_fraction: float
     unscattered_weight: float
+    reach: float
     left: tuple[Real, Real]
     left_energy: float
     collapsed: tuple[Collapse, ...]
+
+    def held(self, half_width: Real) -> Real:
+        """The squares of ``half_width`` [mm] no larger than the mixture holds: what lies beyond belongs to them all."""
+        return np.minimum(half_width, self.reach / math.sqrt(2.0))
 
     def hidden_error(self, distance: float) -> float:
         """The largest relative error within ``distance`` [mm] that a finer mixture does not show."""
@@ -128,7 +133,7 @@ def scattered_light(
     unscattered_weight = math.exp(-total_variance)
     if not terms:
         nothing = GaussianMixture(np.empty(0), np.empty(0))
-        return Halo(nothing, specular_fraction, unscattered_weight, (np.zeros(1), np.zeros(1)), 0.0, collapsed)
+        return Halo(nothing, specular_fraction, unscattered_weight, reach, (np.zeros(1), np.zeros(1)), 0.0, collapsed)
     # energies average the mixture's error over radius: they keep a hundredth of it
     share = min(0.3 * tolerance.pixel, 10.0 * tolerance.ee)
     step = trapezoid_step(share, max(term.nu for term in terms), total_variance)
@@ -149,6 +154,7 @@ def scattered_light(
         ),
         specular_fraction,
         unscattered_weight,
+        reach,
         (loss.radius, loss.left + doubt),
         loss.energy + doubt * (1.0 - unscattered_weight),
         collapsed,

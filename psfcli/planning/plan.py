@@ -35,6 +35,8 @@ Real = NDArray[np.float64]
 SHARE = 0.05
 """Of the accuracy asked for, what all skipped scatter may take, and as much all skipped aberrations."""
 
+_HORIZONS = 9.0  # d_j: light goes no farther, but for ripples of the clip that nobody needs
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
@@ -45,9 +47,9 @@ class Plan:
     all the rest changes. ``computations`` are the images computed, each with those it stands for; ``effects`` tells all
     this in words.
 
-    ``reach`` [mm] is the farthest distance from the image point that anything asks for; ``half_widths`` [mm] the boxes,
-    increasing, none where no product holds them; ``scatter`` one row of surfaces and ``specular_fractions`` one number
-    per wavelength; ``warnings`` one line each.
+    ``reach`` [mm] is the farthest distance from the image point that anything asks for, or ``lit_to``, beyond which no
+    light lands; ``half_widths`` [mm] the boxes, increasing, none where no product holds them; ``scatter`` one row of
+    surfaces and ``specular_fractions`` one number per wavelength; ``warnings`` one line each.
     """
 
     telescope: Telescope
@@ -59,6 +61,7 @@ class Plan:
     with_cube: bool
     half_widths: Real
     reach: float
+    lit_to: float
     scatter: tuple[tuple[SurfaceScatter, ...], ...]
     specular_fractions: tuple[float, ...]
     modelled_telescope: Telescope
@@ -111,15 +114,15 @@ def plan_scene(
     boxes = boxes if with_boxes else boxes[:0]
     sizes = displacements(telescope, fields)
     farthest = sum(sizes.values())
-    reach = (
-        max(math.sqrt(2.0) * float(boxes.max(initial=0.0)), detector.farthest() if with_cube else 0.0) + 2.0 * farthest
-    )
     scatter = tuple(scatter_table(surfaces, telescope, wavelength) for wavelength in wavelengths)
     specular_fractions = tuple(math.exp(-sum(row.g for row in rows)) for rows in scatter)
     share = 0.0 if everything else SHARE
     allowed = Tolerance(share * tolerance.pixel, share * tolerance.ee)
     pixels_to = detector.farthest() + 2.0 * farthest if with_cube else 0.0
     smooth = tuple(smooth_enough(surfaces, telescope, wavelength, pixels_to, allowed) for wavelength in wavelengths)
+    asked = max(math.sqrt(2.0) * float(boxes.max(initial=0.0)), detector.farthest() if with_cube else 0.0)
+    lit_to = _lit_to(telescope, [surface for each in smooth for surface in each.surfaces])
+    reach = min(asked + 2.0 * farthest, lit_to)
     worth = sensitivity(
         {wavelength: each.surfaces for wavelength, each in zip(wavelengths, smooth, strict=True)},
         telescope,
@@ -148,6 +151,7 @@ def plan_scene(
         with_cube=with_cube,
         half_widths=boxes,
         reach=reach,
+        lit_to=lit_to,
         scatter=scatter,
         specular_fractions=specular_fractions,
         modelled_telescope=modelled,
@@ -173,6 +177,12 @@ def plan_scene(
         ),
         warnings=tuple(_remarks(telescope, surfaces, reach)),
     )
+
+
+def _lit_to(telescope: Telescope, surfaces: Sequence[Surface]) -> float:
+    """The distance [mm] beyond the horizons of all ``surfaces`` that scatter within which light lands; inf if none."""
+    distances = (telescope.magnified_distance(surface.marginal_height) for surface in surfaces if surface.psd)
+    return _HORIZONS * max(distances, default=math.inf)
 
 
 def _scatter_effects(
