@@ -7,17 +7,18 @@ import math
 
 import numpy as np
 import pytest
-from scipy import integrate
+from scipy import integrate, optimize
 from truth import TruthSystem
 from truth.cases import SEIDEL
 from truth.geometry import counted_pixels, defocused_annulus, line_focus
 from truth.specular import specular_energy
 
 from psfcli.image.boxes import unscattered_in_boxes
-from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_image
+from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_image, spot_statistics
 from psfcli.image.graded import graded_rays
 from psfcli.image.patches import patches_apart
 from psfcli.image.unscattered import unscattered_in_windows, unscattered_on_grid
+from psfcli.telescope.aberration import wavefront
 from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Pupil, Telescope
 
@@ -297,3 +298,42 @@ def test_sectors_add_up_to_the_annulus():
         for a, b in itertools.pairwise(bounds)
     ]  # fmt: skip
     np.testing.assert_allclose(sum(parts), full, atol=2e-7)  # 1e-7 each way
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_spot_reaches_as_far_as_its_farthest_rays(seed):
+    # the gradient of the wavefront by central differences, which are exact for its fourth powers but for step^2
+    draw = np.random.default_rng(seed)
+    inner = draw.uniform(0.0, 0.95)
+    low, high = np.sort(draw.uniform(0.0, 2.0 * math.pi, 2)) if seed % 2 else (0.0, 2.0 * math.pi)
+    seidel = SeidelTable(*(draw.uniform(-1.0, 1.0, 6) * 10.0 ** draw.uniform(-3.0, 0.0, 6) * 1e-4))
+    telescope = Telescope(SLOPE, Pupil(inner, (low, high)), seidel, MAX_FIELD, 1750.0)
+    field = Field(draw.uniform(-MAX_FIELD, MAX_FIELD), draw.uniform(0.0, 6.0) if seed % 3 else math.pi / 2.0)
+    spot, relative, step = spot_statistics(telescope, field), telescope.relative_field(field), 1e-3
+
+    def landing(axis, rho, azimuth):
+        x, y = rho * np.cos(azimuth), rho * np.sin(azimuth)
+        dx, dy = (step, 0.0) if axis == 0 else (0.0, step)
+
+        def slope(h):
+            W = [wavefront(seidel, relative, x + s * h * dx, y + s * h * dy) for s in (1.0, -1.0)]
+            return (W[0] - W[1]) / (2.0 * h * step)
+
+        return -(4.0 * slope(1.0) - slope(2.0)) / 3.0 / SLOPE
+
+    rho, azimuth = np.meshgrid(np.linspace(inner, 1.0, 65), np.linspace(low, high, 1025), indexing="ij")
+    for axis, ends in enumerate(((spot.x_min, spot.x_max), (spot.y_min, spot.y_max))):
+        size = ends[1] - ends[0]
+        for sign, end in zip((-1.0, 1.0), ends, strict=True):
+            samples = sign * landing(axis, rho, azimuth)
+            best = np.unravel_index(samples.argmax(), samples.shape)
+            found = optimize.minimize(
+                lambda p, axis=axis, sign=sign, size=size: -sign * landing(axis, p[0], p[1]) / size,
+                [rho[best], azimuth[best]],
+                method="L-BFGS-B",
+                bounds=[(inner, 1.0), (low, high) if seed % 2 else (low - 1.0, high + 1.0)],
+                options={"ftol": 1e-16, "gtol": 1e-12},
+            )
+            farthest = max(samples.max() / size, -found.fun)
+            # 1e-10: rounding of the differences; 256 azimuths alone are short by up to 1e-4
+            assert sign * end / size == pytest.approx(farthest, abs=1e-10)

@@ -25,6 +25,7 @@ Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _MOST_FIRST_SLICES = 10_000
+_MOST_SEEN_AT_ONCE = 300_000  # first slices of all groups: half a gigabyte
 _BOXES_TOGETHER = 24
 
 
@@ -156,7 +157,8 @@ def _slices_about(
 
     Slices whose fans pass at a distance d are no wider there than d, down to boxes that hold less than the tolerance.
     """
-    counts = [slice_count(a, b, t) for a, b, t in zip(start, stop, tolerance, strict=True)]
+    most = _MOST_SEEN_AT_ONCE // start.size
+    counts = [min(slice_count(a, b, t), most) for a, b, t in zip(start, stop, tolerance, strict=True)]
     bound = np.concatenate([np.linspace(a, b, n + 1) for a, b, n in zip(start, stop, counts, strict=True)])
     group = np.repeat(np.arange(start.size), np.array(counts) + 1)
     rho = np.linspace(inner, 1.0, 33)

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from psfcli.image.extent import turning_points
+
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
@@ -102,7 +104,7 @@ class Branches:
     @classmethod
     def of(cls, fans: Real, inner: float) -> Branches:
         """The branches of ``fans`` from ``inner`` to 1."""
-        one, other = _turning_points(fans, inner)
+        one, other = turning_points(fans, inner)
         rho = np.stack([np.full_like(one, inner), np.minimum(one, other), np.maximum(one, other), np.ones_like(one)])
         return cls(fans, rho, cubic(fans[:, None, :], rho))
 
@@ -156,15 +158,6 @@ def cubic(coefficients: Real, rho: Real) -> Real:
     a0, a1, a2, a3 = coefficients
     value: Real = ((a3 * rho + a2) * rho + a1) * rho + a0
     return value
-
-
-def _turning_points(fans: Real, inner: float) -> Real:
-    """Zeros of the cubics' derivatives within (inner, 1), shape (2, azimuths); 1 where there is none."""
-    _, c, b, a = fans * np.array([0.0, 1.0, 2.0, 3.0])[:, None]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        q = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
-        roots = np.stack([q / a, c / q])
-        return np.where((roots > inner) & (roots < 1.0), roots, 1.0)
 
 
 def root_between(cubics: Real, start: Real, stop: Real) -> Real:

@@ -28,6 +28,7 @@ Real = NDArray[np.float64]
 _POINTS = 1024, 4096  # of the table: good to 1e-7 and 1e-9 of all light
 _COARSE_ENOUGH = 1e-6  # energies asked no finer than this take the smaller table
 _DECADES_BELOW, _DECADES_ABOVE = 7.0, 9.0  # of q about the knees: the transform's period in the logarithm
+_DECADES_BEYOND = 3.0  # of q below the farthest distance
 _CORNER_NODES, _FEW_NODES = 48, 16  # for corners however far along an edge, and within _SHORT
 _SHORT = 3.0  # of asinh(far/near)
 _RAYS_AT_ONCE = 512
@@ -67,19 +68,20 @@ class EncircledEnergy:
 
 
 def encircled_energy(
-    surfaces: Sequence[Surface], telescope: Telescope, wavelength: float, tolerance: Tolerance
+    surfaces: Sequence[Surface], telescope: Telescope, wavelength: float, reach: float, tolerance: Tolerance
 ) -> EncircledEnergy:
     """E(R) = 2 pi R Int_0^inf [OTF_S(q) - exp(-G)] J1(2 pi q R) dq by FFTLog, with the horizon's clip as it stands.
 
     Good to about 1e-7 of all light, or 1e-9 when ``tolerance.ee`` is below 1e-6, between 1e-5 of the narrowest and 1e4
-    of the widest core.
+    of the widest core, and out to ``reach`` [mm].
     """
     from scipy import fft
 
-    points = _POINTS[tolerance.ee < _COARSE_ENOUGH]
     widths = [term.width for term in scatter_terms(surfaces, telescope, wavelength)]
+    below = max(_DECADES_BELOW, _DECADES_BEYOND + math.log10(reach / max(widths)))
+    points = int(_POINTS[tolerance.ee < _COARSE_ENOUGH] * max(1.0, below / _DECADES_BELOW))
     log_q = np.linspace(
-        -math.log(2.0 * math.pi * max(widths)) - _DECADES_BELOW * math.log(10.0),
+        -math.log(2.0 * math.pi * max(widths)) - below * math.log(10.0),
         -math.log(2.0 * math.pi * min(widths)) + _DECADES_ABOVE * math.log(10.0),
         points,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,12 +72,20 @@ def wavelength_scatter(
     return WavelengthScatter(
         halo=halo,
         finer=finer,
-        squares=square_response(halo.mixture, half_width),
+        squares=replace(square_response(halo.mixture, halo.held(half_width)), half_width=half_width),
         judged=judged,
-        judge=square_response(finer.mixture, half_width[judged]),
-        energy_error=float(difference.max(initial=0.0)) if rough else 0.0,
+        judge=square_response(finer.mixture, finer.held(half_width[judged])),
+        energy_error=max(float(difference.max(initial=0.0)), _beyond(finer, half_width)) if rough else 0.0,
         density_error=_density_error(halo, finer, reach) if rough else (np.zeros(1), np.zeros(1)),
-        encircled=encircled_energy(surfaces, telescope, wavelength, tolerance) if rough and with_cube else None,
+        encircled=encircled_energy(surfaces, telescope, wavelength, reach, tolerance) if rough and with_cube else None,
+    )
+
+
+def _beyond(halo: Halo, half_width: Real) -> float:
+    """The light that no square holds though some are larger than the ``halo`` reaches."""
+    largest = half_width[-1:]
+    return float(
+        np.max(np.abs(1.0 - unaberrated_energy(halo, largest)), where=halo.held(largest) < largest, initial=0.0)
     )
 
 
@@ -124,6 +132,9 @@ def _field_image(
         pixel_error += float(np.max(difference, where=radius <= corner, initial=0.0))  # no blur makes it larger
         pixel_error += _probed_error(image, point, scatter, detector, tolerance)
         pixel_error += image.unresolved
+        if float(fine.min()) < 0.0:  # only where the ripples of the horizon are all there is
+            pixel_error = max(pixel_error, 1.0)
+            np.maximum(fine, 0.0, out=fine)
         if image.error > tolerance.ee:
             pixel_error += (image.error - tolerance.ee) / float(fine.max())
         n, m = detector.pixels, detector.oversample
