@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from psfcli.image.extent import extent
 from psfcli.image.quadrature import gauss_panels
 from psfcli.image.result import Spot
 from psfcli.telescope.aberration import transverse_aberration_along_azimuths
@@ -18,8 +18,7 @@ from psfcli.telescope.system import Field, Telescope
 Real = NDArray[np.float64]
 
 MAX_MOMENT = 14
-MOST_RAYS = 4_000_000
-_RAYS_AT_ONCE = 4096
+LARGEST_PANEL = 32  # nodes of Gauss's rule along rays
 _EXACT_RADII, _EXACT_AZIMUTHS = 12, 16  # integrates every second moment of cubic rays exactly
 _EXTENT_AZIMUTHS = 256
 
@@ -42,8 +41,7 @@ class GeometricalImage:
 
     ``rays`` integrate its moments to MAX_MOMENT (exactly on a full annulus); ``moments`` Q_ab of the spot about its
     centroid, with the Gaussian part of its rms taken out (blur.py);
-    ``radial_length`` [mm] of the longest path of the landing point along a pupil radius and ``azimuthal_length`` [mm]
-    per radian of azimuth at its fastest; ``mirror_symmetric``: x and -x are alike.
+    ``mirror_symmetric``: x and -x are alike.
     """
 
     telescope: Telescope
@@ -51,8 +49,6 @@ class GeometricalImage:
     spot: Spot
     rays: RayBundle
     moments: Real
-    radial_length: float
-    azimuthal_length: float
     mirror_symmetric: bool
 
     @property
@@ -89,32 +85,34 @@ def along_fans(fans: Real, rho: Real) -> Real:
     return ((fans[3] * r + fans[2]) * r + fans[1]) * r + fans[0]
 
 
-def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int, *, half: bool = False) -> RayBundle:
-    """Rays at the nodes of a quadrature of the uniformly lit pupil.
+def pupil_azimuths(telescope: Telescope, field: Field, count: int, *, half: bool = False) -> tuple[Real, Real]:
+    """Nodes [rad] and weights, adding to 1, in lit azimuth: trapezoid rule on a full annulus, Gauss's on a sector.
 
-    On a full annulus Gauss's rule in rho^2, for the mean over azimuth has no odd powers of rho, and the trapezoid rule
-    in azimuth; on a sector Gauss's in rho and in azimuth. ``half``, for mirror-symmetric images and an even number of
-    ``azimuths``: those on one side of the field direction, standing for both. Without aberrations one ray stands for
-    all.
+    At least ``count``, and ``count`` if it is a multiple of LARGEST_PANEL. ``half``, for mirror-symmetric images and an
+    even number: those on one side of the field direction, standing for both.
+    """
+    if telescope.pupil.is_full_annulus:
+        azimuth = azimuth_rule(telescope, field, count)[: count // 2 if half else count]
+        return azimuth, np.full(azimuth.size, 1.0 / azimuth.size)
+    start, stop = telescope.pupil.sector
+    node, weight = gauss_panels(count, LARGEST_PANEL)
+    return start + (stop - start) * 0.5 * (node + 1.0), 0.5 * weight
+
+
+def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int) -> RayBundle:
+    """Rays at the nodes of a quadrature of the uniformly lit pupil, Gauss's rule in rho times ``pupil_azimuths``.
+
+    Without aberrations one ray stands for all.
     """
     if telescope.seidel == SeidelTable():
         return RayBundle(np.ones(1), np.zeros(1), np.zeros(1))
     inner = telescope.pupil.obscuration
     node, weight = gauss_panels(radii)
-    if telescope.pupil.is_full_annulus:
-        rho = np.sqrt(inner**2 + (1.0 - inner**2) * 0.5 * (node + 1.0))
-        azimuth = azimuth_rule(telescope, field, azimuths)[: azimuths // 2 if half else azimuths]
-        slice_weight = np.full(azimuth.size, 1.0 / azimuth.size)
-    else:
-        rho = inner + (1.0 - inner) * 0.5 * (node + 1.0)
-        weight = weight * 2.0 * rho / (1.0 + inner)
-        start, stop = telescope.pupil.sector
-        slice_node, slice_weight = gauss_panels(azimuths)
-        azimuth = start + (stop - start) * 0.5 * (slice_node + 1.0)
-        slice_weight = 0.5 * slice_weight
+    rho = inner + (1.0 - inner) * 0.5 * (node + 1.0)
+    azimuth, slice_weight = pupil_azimuths(telescope, field, azimuths)
     fans_x, fans_y = ray_fans(telescope, field, azimuth)
     return RayBundle(
-        np.outer(0.5 * weight, slice_weight).ravel(),
+        np.outer(rho * weight / (1.0 + inner), slice_weight).ravel(),
         along_fans(fans_x, rho).ravel(),
         along_fans(fans_y, rho).ravel(),
     )
@@ -123,11 +121,6 @@ def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int, *,
 def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
     """PSF_G of a field point reduced to what later steps ask of it."""
     spot = spot_statistics(telescope, field)
-    azimuth = azimuth_rule(telescope, field, _EXTENT_AZIMUTHS)
-    fans_x, fans_y = ray_fans(telescope, field, azimuth)
-    rho = np.linspace(telescope.pupil.obscuration, 1.0, 17)
-    x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
-    start, stop = telescope.pupil.sector
     azimuths = (2 if telescope.pupil.is_full_annulus else 8) * (MAX_MOMENT + 1)
     rays = ray_bundle(telescope, field, 2 * MAX_MOMENT, azimuths)
     symmetric = _is_mirror_symmetric(telescope, field)
@@ -137,10 +130,6 @@ def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
         spot=spot,
         rays=rays,
         moments=_quasi_moments(rays, spot, symmetric=symmetric),
-        radial_length=float(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0).max()),
-        azimuthal_length=float(
-            np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).max() * _EXTENT_AZIMUTHS / (stop - start)
-        ),
         mirror_symmetric=symmetric,
     )
 
@@ -155,75 +144,24 @@ def spot_statistics(telescope: Telescope, field: Field) -> Spot:
     azimuths = _EXACT_AZIMUTHS if telescope.pupil.is_full_annulus else 4 * _EXACT_AZIMUTHS
     rays = ray_bundle(telescope, field, _EXACT_RADII, azimuths)
     mean_x, mean_y = float(rays.share @ rays.x), float(rays.share @ rays.y)
+    chief_x, chief_y = (float(fans[0, 0]) for fans in ray_fans(telescope, field, np.zeros(1)))
+    x_min, x_max, y_min, y_max = extent(
+        lambda azimuth: ray_fans(telescope, field, azimuth), telescope.pupil.obscuration, *telescope.pupil.sector
+    ).tolist()
     if _is_mirror_symmetric(telescope, field):
-        mean_x = 0.0  # and not rounding: boxes about it keep the symmetry
-    fans_x, fans_y = ray_fans(telescope, field, azimuth_rule(telescope, field, _EXTENT_AZIMUTHS))
-    rho = np.linspace(telescope.pupil.obscuration, 1.0, 33)
-    x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
+        mean_x, x_min = 0.0, -x_max + 0.0  # and not rounding: boxes about it keep the symmetry
     return Spot(
         centroid_x=mean_x,
         centroid_y=mean_y,
-        chief_x=float(fans_x[0, 0]),
-        chief_y=float(fans_y[0, 0]),
+        chief_x=chief_x,
+        chief_y=chief_y,
         rms_x=math.sqrt(float(rays.share @ (rays.x - mean_x) ** 2)),
         rms_y=math.sqrt(float(rays.share @ (rays.y - mean_y) ** 2)),
-        x_min=float(x.min()),
-        x_max=float(x.max()),
-        y_min=float(y.min()),
-        y_max=float(y.max()),
+        x_min=x_min,
+        x_max=x_max,
+        y_min=y_min,
+        y_max=y_max,
     )
-
-
-def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -> RayBundle:
-    """Rays at the nodes of a pupil quadrature, landing about ``spacing`` [mm] apart at most; ``half``: see above.
-
-    Never more than MOST_RAYS: a core ten thousand times narrower than the spot is not resolved, and the error reached
-    says so.
-    """
-    radii, azimuths = (fewest + more / spacing for fewest, more in _ray_numbers(image))
-    thinning = math.sqrt(max(1.0, radii * azimuths / MOST_RAYS))
-    return ray_bundle(
-        image.telescope,
-        image.field,
-        math.ceil(radii / thinning),
-        2 * math.ceil(0.5 * azimuths / thinning),
-        half=half,
-    )
-
-
-def ray_count(image: GeometricalImage, spacing: Real) -> Real:
-    """How many rays lie ``spacing`` [mm] apart; shape of ``spacing``."""
-    (radii, radial), (azimuths, azimuthal) = _ray_numbers(image)
-    return (radii + radial / spacing) * (azimuths + azimuthal / spacing)
-
-
-def closest_spacing(image: GeometricalImage) -> float:
-    """The spacing [mm] at which there are MOST_RAYS: that of the quadratic for 1/spacing."""
-    (radii, radial), (azimuths, azimuthal) = _ray_numbers(image)
-    linear, more = radii * azimuthal + azimuths * radial, MOST_RAYS - radii * azimuths
-    return 0.5 * (linear + math.sqrt(linear**2 + 4.0 * radial * azimuthal * more)) / more
-
-
-def _ray_numbers(image: GeometricalImage) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Radii and azimuths of a bundle: each a number and what is to be added to it over the spacing [mm]."""
-    start, stop = image.telescope.pupil.sector
-    return (4.0, 1.2 * image.radial_length), (6.0, (stop - start) * image.azimuthal_length)
-
-
-def tiles(rays: RayBundle, size: float) -> Iterator[RayBundle]:
-    """The rays in parts, not too large, that each land within a square of ``size`` [mm] or a hundredth of the spot."""
-    size = max(size, 0.01 * float(np.ptp(rays.x)), 0.01 * float(np.ptp(rays.y)))
-    column = np.floor((rays.x - rays.x.min()) / size).astype(np.intp)
-    row = np.floor((rays.y - rays.y.min()) / size).astype(np.intp)
-    tile = row * (column.max() + 1) + column
-    order = np.argsort(tile, kind="stable")
-    ends = np.append(np.flatnonzero(np.diff(tile[order])) + 1, order.size)
-    start = 0
-    for end in ends:
-        for first in range(start, end, _RAYS_AT_ONCE):
-            part = order[first : min(first + _RAYS_AT_ONCE, end)]
-            yield RayBundle(rays.share[part], rays.x[part], rays.y[part])
-        start = int(end)
 
 
 def _quasi_moments(rays: RayBundle, spot: Spot, *, symmetric: bool) -> Real:

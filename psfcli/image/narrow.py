@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from psfcli.image.blur import FEW_TERMS, TAIL, fewer_terms, normal_probability, ray_spacing
 from psfcli.image.boxes import blurred_in_boxes
-from psfcli.image.geometric import MOST_RAYS, GeometricalImage, ray_count
+from psfcli.image.geometric import GeometricalImage
+from psfcli.image.patches import MOST_RAYS, ray_count
 from psfcli.image.spot_grid import SpotGrid, spot_grids
 from psfcli.surface.mixture import GaussianMixture
 
@@ -22,6 +23,8 @@ Real = NDArray[np.float64]
 
 # seconds, on any machine only in proportion: of a ray laid on a grid, and of one Gaussian in one box at tolerance 1
 _RAY_COST, _FAN_COST = 1.5e-6, 1.5e-5
+_LEAST = 1e-13  # of all light: no fan knows it better
+_AT_ONCE = 1 << 17  # nodes of the grid, each for a box about a centre: what is computed together
 
 
 def narrow_in_squares(
@@ -42,15 +45,27 @@ def narrow_in_squares(
         strict[-1] = True
     owner = np.minimum(np.searchsorted(np.flatnonzero(strict), np.arange(error.size)), np.count_nonzero(strict) - 1)
     weight, variance = np.bincount(owner, mixture.weight).astype(np.float64), mixture.variance[strict]
-    spacing = ray_spacing(np.sqrt(variance), error[strict])
-    extent = math.hypot(point.spot.x_max - point.spot.x_min, point.spot.y_max - point.spot.y_min)
+    width = np.sqrt(variance)
+    spacing = ray_spacing(width, error[strict])
+    spot, farthest = point.spot, float(half_width[-1])
+    x, y = np.array(centres).T
+    window = x.min() - farthest, x.max() + farthest, y.min() - farthest, y.max() + farthest
+    from_spot = np.maximum.reduce([spot.x_min - x, x - spot.x_max, spot.y_min - y, y - spot.y_max]) - farthest
+    reached = from_spot <= TAIL * width[:, None]
+    extent = math.hypot(spot.x_max - spot.x_min, spot.y_max - spot.y_min)
     boxes = 1 + int(np.count_nonzero((half_width < extent) & (half_width > 0.01 * extent)))
-    by_fans = _fewest(ray_count(point, spacing), boxes * np.sqrt(np.cumsum(np.abs(weight))) * np.sum(tolerance**-0.5))
+    by_fans = _fewest(
+        ray_count(point, window).at(spacing), boxes * np.sqrt(np.cumsum(np.abs(weight))) * (reached @ tolerance**-0.5)
+    )
     energy = np.zeros((len(centres), half_width.size))
-    if by_fans:
+    if by_fans and reached[by_fans - 1].any():
+        some = np.flatnonzero(reached[by_fans - 1]).tolist()
         narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]))
-        energy += blurred_in_boxes(point, centres, half_width, tolerance, narrowest)
-    for grid in spot_grids(point, GaussianMixture(weight[by_fans:], variance[by_fans:]), spacing[by_fans:]):
+        energy[some] += blurred_in_boxes(
+            point, [centres[n] for n in some], half_width, np.maximum(tolerance[some], _LEAST), narrowest
+        )
+    wider = GaussianMixture(weight[by_fans:], variance[by_fans:])
+    for grid in spot_grids(point, wider, spacing[by_fans:], window):
         energy += _by_grid(grid, centres, half_width)
     return energy
 
@@ -70,12 +85,24 @@ def _by_grid(grid: SpotGrid, centres: Sequence[tuple[float, float]], half_width:
     reach_x = np.maximum(grid.x[-1] - x, x - grid.x[0])
     reach_y = np.maximum(grid.y[-1] - y, y - grid.y[0])
     some = int(np.searchsorted(half_width, float(np.maximum(reach_x, reach_y).max()) + margin))
-    w = half_width[:some, None]
-    energy[:, :some] = 0.0
-    for weight, variance in zip(grid.mixture.weight, grid.mixture.variance - grid.tau2, strict=True):
-        width = math.sqrt(variance)
-        in_x = {c: normal_probability((c - w - grid.x) / width, (c + w - grid.x) / width) for c in set(x.tolist())}
-        for n, (cx, cy) in enumerate(centres):
-            in_y = normal_probability((cy - w - grid.y) / width, (cy + w - grid.y) / width)
-            energy[n, :some] += weight * np.sum((in_y @ grid.mass) * in_x[cx], axis=1)
+    (x, in_column), (y, in_row) = (np.unique(c, return_inverse=True) for c in (x, y))  # centres share them
+    width = np.sqrt(grid.mixture.variance - grid.tau2)
+    together = max(1, _AT_ONCE // (width.size * len(centres) * max(grid.x.size, grid.y.size)))
+    for first in range(0, some, together):
+        boxes = slice(first, min(first + together, some))
+        in_x = _between(x, half_width[boxes], grid.x, width)
+        in_y = (_between(y, half_width[boxes], grid.y, width).reshape(-1, grid.y.size) @ grid.mass).reshape(
+            width.size, y.size, -1, grid.x.size
+        )
+        energy[:, boxes] = np.einsum("t,tcbx,tcbx->cb", grid.mixture.weight, in_y[:, in_row], in_x[:, in_column])
     return energy
+
+
+def _between(centre: Real, half_width: Real, node: Real, width: Real) -> Real:
+    """The share of Gaussians about each ``node`` within ``half_width`` of each ``centre``.
+
+    Shape [width, centre, box, node].
+    """
+    scale = width[:, None, None, None]
+    distance, half = (centre[:, None] - node)[:, None] / scale, half_width[:, None] / scale
+    return normal_probability(distance - half, distance + half)

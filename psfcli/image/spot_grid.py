@@ -14,15 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.geometric import GeometricalImage, rays_apart, tiles
+from psfcli.image.blur import TAIL
+from psfcli.image.geometric import GeometricalImage, RayBundle
+from psfcli.image.patches import EVERYWHERE, Window, patches_apart
 from psfcli.surface.mixture import GaussianMixture
 
 Real = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 _LIKE = 8.0  # widths that share a grid differ by less than this factor
-_TAU2 = 0.75  # tau^2 over s^2 of the narrowest Gaussian
+_TAU2 = 0.5  # tau^2 over s^2 of the narrowest Gaussian
 _TAIL = 6.5  # tau: rays are laid no farther; 1e-10 of a Gaussian lies beyond
-_TILE = 12.0  # widths: rays are laid down by tiles of this size
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,47 +41,69 @@ class SpotGrid:
     mixture: GaussianMixture
 
 
-def spot_grids(point: GeometricalImage, mixture: GaussianMixture, spacing: Real) -> Iterator[SpotGrid]:
-    """A grid for all Gaussians of like width in a ``mixture``, from rays ``spacing`` [mm] apart for each term."""
+def spot_grids(
+    point: GeometricalImage, mixture: GaussianMixture, spacing: Real, window: Window = EVERYWHERE
+) -> Iterator[SpotGrid]:
+    """A grid for all Gaussians of like width in a ``mixture``, from rays ``spacing`` [mm] apart for each term.
+
+    Only what they send into the ``window`` is asked for.
+    """
     octave = np.floor(0.5 * np.log(mixture.variance / mixture.variance.min(initial=math.inf)) / math.log(_LIKE))
     for this in np.unique(octave):
         some = octave == this
-        yield _spot_grid(point, mixture.only(some), spacing[some])
+        yield _spot_grid(point, mixture.only(some), spacing[some], window)
 
 
-def _spot_grid(point: GeometricalImage, mixture: GaussianMixture, spacing: Real) -> SpotGrid:
+def _spot_grid(point: GeometricalImage, mixture: GaussianMixture, spacing: Real, window: Window) -> SpotGrid:
     """The grid for Gaussians of like width, from rays ``spacing`` [mm] apart for each term."""
-    variance = float(mixture.variance.min())
-    tau2 = _TAU2 * variance
-    tau = math.sqrt(tau2)
+    tau2 = _TAU2 * float(mixture.variance.min())
+    reach = _TAIL * math.sqrt(tau2)
     # each term's a is to the step as its s to its spacing
     step = float(np.min(spacing * np.sqrt(tau2 * (mixture.variance - tau2)) / mixture.variance))
     half = point.mirror_symmetric
-    rays = rays_apart(point, float(spacing.min()), half=half)
-    x, y = _nodes(rays.x, _TAIL * tau, step, symmetric=half), _nodes(rays.y, _TAIL * tau, step, symmetric=False)
+    margin = TAIL * math.sqrt(float(mixture.variance.max()))
+    x_start, x_stop, y_start, y_stop = (w + s * margin for w, s in zip(window, (-1, 1, -1, 1), strict=True))
+    if half:
+        x_stop = max(x_stop, -x_start)
+        x_start = -x_stop
+    spot = point.spot
+    x = _nodes(max(spot.x_min, x_start) - reach, min(spot.x_max, x_stop) + reach, step, symmetric=half)
+    y = _nodes(max(spot.y_min, y_start) - reach, min(spot.y_max, y_stop) + reach, step, symmetric=False)
     mass = np.zeros((y.size, x.size))
-    for part in tiles(rays, _TILE * math.sqrt(variance)):
-        rows, columns = _near(y, part.y, _TAIL * tau), _near(x, part.x, _TAIL * tau)
-        in_y = np.exp(-0.5 * ((y[rows, None] - part.y) / tau) ** 2)
-        in_x = np.exp(-0.5 * ((x[columns, None] - part.x) / tau) ** 2)
-        mass[rows, columns] += (in_y * part.share) @ in_x.T
+    for rays in patches_apart(point, float(spacing.min()), half=half, window=(x_start, x_stop, y_start, y_stop)):
+        _lay(mass, rays, x, y, tau2, reach)
     mass *= step**2 / (2.0 * math.pi * tau2)
     if half:
         mass = 0.5 * (mass + mass[:, ::-1])
     return SpotGrid(x, y, mass, tau2, mixture)
 
 
-def _nodes(position: Real, margin: float, step: float, *, symmetric: bool) -> Real:
-    """Nodes ``step`` apart that reach ``margin`` beyond the positions; ``symmetric``: about zero."""
-    low, high = float(position.min()) - margin, float(position.max()) + margin
+def _nodes(low: float, high: float, step: float, *, symmetric: bool) -> Real:
+    """Nodes ``step`` apart from ``low`` to ``high``; ``symmetric``: about zero."""
     if symmetric:
         high = max(high, -low)
         low = -high
-    count = math.ceil((high - low) / step) + 1
+    count = max(math.ceil((high - low) / step), 0) + 1
     return 0.5 * (low + high) + step * (np.arange(count, dtype=np.float64) - 0.5 * (count - 1))
 
 
-def _near(nodes: Real, position: Real, margin: float) -> slice:
-    """The nodes within ``margin`` of any of the positions."""
-    low, high = np.searchsorted(nodes, [position.min() - margin, position.max() + margin])
-    return slice(int(low), int(high))
+def _lay(mass: Real, rays: RayBundle, x: Real, y: Real, tau2: float, reach: float) -> None:
+    """Add patches of rays (patch, ray) to the nodes within ``reach`` of them, each by exp(-distance^2/2 tau2)."""
+    columns, in_x = _bells(rays.x, x, tau2, reach)
+    rows, in_y = _bells(rays.y, y, tau2, reach)
+    blocks = np.matmul(in_y * rays.share[:, None, :], in_x.transpose(0, 2, 1))
+    height, width = blocks.shape[1:]
+    for row, column, block in zip(rows.tolist(), columns.tolist(), blocks, strict=True):
+        mass[row : row + height, column : column + width] += block
+
+
+def _bells(position: Real, nodes: Real, tau2: float, reach: float) -> tuple[Index, Real]:
+    """The first node near each patch of ``position`` (patch, ray), and exp(-distance^2/2 tau2): (patch, node, ray).
+
+    As many nodes for each patch as the largest has within ``reach``.
+    """
+    first = np.searchsorted(nodes, position.min(axis=1) - reach)
+    count = int(np.max(np.searchsorted(nodes, position.max(axis=1) + reach) - first, initial=0))
+    first = np.minimum(first, nodes.size - count)
+    near = nodes[first[:, None] + np.arange(count)]
+    return first, np.exp((near[:, :, None] - position[:, None, :]) ** 2 * (-0.5 / tau2))

@@ -84,8 +84,7 @@ class Image:
     def energy(self, window: Window, absolute: float = FAINTEST) -> float:
         """Fraction of all light in the window (x0, x1, y0, y1) [mm], within ``RELATIVE`` of it or ``absolute``."""
         lit = self.specular * self.unscattered(window) if self.specular > 1e-18 else 0.0
-        # many cells of the pupil may each err by what is given to one
-        return lit + self.scattered(window, max(0.1 * absolute, 0.01 * RELATIVE * lit))
+        return lit + self.scattered(window, max(absolute, RELATIVE * lit))
 
     def square(self, half_width: float, centre: tuple[float, float] = (0.0, 0.0)) -> float:
         """Ensquared energy: the square of ``half_width`` [mm] about ``centre`` [mm]."""
@@ -126,8 +125,8 @@ def pupil_mean(system: TruthSystem, density: Density, apart: float = np.inf, abs
 
     To begin with, rays land about ``apart`` [mm] from each other or nearer.
 
-    Cells are quartered until a cell and its quarters agree within ``RELATIVE`` of the whole or ``absolute``.
-    The rule, of degree 13, then errs by far less. Raises ArithmeticError beyond ``_MOST_CELLS``.
+    Cells are quartered until cells and their quarters agree, all together, within ``RELATIVE`` of the whole or
+    ``absolute``. The rule, of degree 13, then errs by far less. Raises ArithmeticError beyond ``_MOST_CELLS``.
     """
     inner, (first, last) = system.obscuration, _azimuths(system)
     node, gauss = np.polynomial.legendre.leggauss(7)
@@ -155,7 +154,10 @@ def pupil_mean(system: TruthSystem, density: Density, apart: float = np.inf, abs
         fine = rule(quarters)
         together = fine.reshape(-1, 4).sum(axis=1)
         whole = settled + together.sum()
-        poor = np.abs(together - coarse) > max(RELATIVE * abs(whole), absolute)
+        doubt = np.abs(together - coarse)
+        least_first = np.argsort(doubt)
+        poor = np.empty(len(cells), dtype=bool)
+        poor[least_first] = np.cumsum(doubt[least_first]) > max(RELATIVE * abs(whole), absolute)
         settled += together[~poor].sum()
         poor4 = np.repeat(poor, 4)
         cells, coarse = quarters[poor4], fine[poor4]
