@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from truth.exact_rays import landed
 
+from psfcli.cli import main
 from psfcli.config import load
 from psfcli.telescope import paraxial
 from psfcli.telescope.aberration import transverse_aberration_along_azimuths
@@ -48,7 +50,7 @@ def test_the_prescription_of_the_configuration_gives_back_table_1():
     system = load(ROOT / "configs" / "euv_prescription.yaml")
     for name, waves in TABLE_1.items():
         assert getattr(system.telescope.seidel, name) / WAVE == pytest.approx(waves, abs=0.005), name
-    assert system.telescope.seidel.W311 / WAVE == pytest.approx(-5.19, abs=0.005)
+    assert pytest.approx(-5.19, abs=0.005) == system.telescope.seidel.W311 / WAVE
     assert system.telescope.focal_length == pytest.approx(1750.0, abs=0.005)
     assert system.surfaces[1].marginal_height / system.surfaces[0].marginal_height == pytest.approx(0.3683, abs=5e-5)
 
@@ -70,18 +72,18 @@ def test_a_paraboloid_has_no_spherical_aberration_and_the_coma_of_the_books():
     f, a, theta = 1000.0, 100.0, 0.01
     table = system_table(traced(mirror(-2.0 * f, conic=-1.0), radius=a, field=theta))
     h = math.tan(theta)
-    assert table.W040 == pytest.approx(0.0, abs=1e-18)
+    assert pytest.approx(0.0, abs=1e-18) == table.W040
     assert abs(table.W131) == pytest.approx(a**3 * h / (4.0 * f**2), rel=1e-12)
     # S_III = (Lagrange invariant)^2 x power for any thin element at the stop
-    assert table.W222 == pytest.approx(a**2 * h**2 / (2.0 * f), rel=1e-12)
-    assert table.W220 == pytest.approx(0.0, abs=1e-18)
+    assert pytest.approx(a**2 * h**2 / (2.0 * f), rel=1e-12) == table.W222
+    assert pytest.approx(0.0, abs=1e-18) == table.W220
 
 
 def test_a_spherical_mirror_has_the_closed_form():
     R, a = -2000.0, 100.0
     table = system_table(traced(mirror(R), radius=a, field=0.01))
     # the path of a sphere less that of the paraboloid: twice r^4/(8 R^3)
-    assert table.W040 == pytest.approx(a**4 / (4.0 * abs(R) ** 3), rel=1e-12)
+    assert pytest.approx(a**4 / (4.0 * abs(R) ** 3), rel=1e-12) == table.W040
 
 
 def test_a_sphere_with_its_stop_at_the_centre_has_spherical_aberration_and_petzval_alone():
@@ -104,14 +106,22 @@ def test_a_thin_lens_bends_as_in_the_books(X):
     table = system_table(traced(lens(c1, 0.0, n), lens(c2, 0.0, 1.0), radius=y, field=math.atan(h)))
     # Welford (1986), section 11.2, with its conjugate variable Y = 1 here (object at infinity) and its stop at the lens
     Y, H = 1.0, y * h
-    S1 = y**4 * power**3 / 4.0 * ((n / (n - 1.0)) ** 2 + (n + 2.0) / (n * (n - 1.0) ** 2) *
-        (X - 2.0 * (n**2 - 1.0) / (n + 2.0) * Y) ** 2 - n / (n + 2.0) * Y**2)
+    S1 = (
+        y**4
+        * power**3
+        / 4.0
+        * (
+            (n / (n - 1.0)) ** 2
+            + (n + 2.0) / (n * (n - 1.0) ** 2) * (X - 2.0 * (n**2 - 1.0) / (n + 2.0) * Y) ** 2
+            - n / (n + 2.0) * Y**2
+        )
+    )
     S2 = -(y**2) * power**2 * H / 2.0 * ((n + 1.0) / (n * (n - 1.0)) * X - (2.0 * n + 1.0) / n * Y)
-    assert table.W040 == pytest.approx(S1 / 8.0, rel=1e-12)
+    assert pytest.approx(S1 / 8.0, rel=1e-12) == table.W040
     assert abs(table.W131) == pytest.approx(abs(S2) / 2.0, rel=1e-11)
-    assert table.W222 == pytest.approx(H**2 * power / 2.0, rel=1e-12)
-    assert table.W220 == pytest.approx(H**2 * power * (1.0 + 1.0 / n) / 4.0, rel=1e-12)
-    assert table.W311 == pytest.approx(0.0, abs=1e-18)
+    assert pytest.approx(H**2 * power / 2.0, rel=1e-12) == table.W222
+    assert pytest.approx(H**2 * power * (1.0 + 1.0 / n) / 4.0, rel=1e-12) == table.W220
+    assert pytest.approx(0.0, abs=1e-18) == table.W311
 
 
 def test_a_plane_mirror_changes_nothing():
@@ -222,8 +232,54 @@ def test_a_detector_given_by_the_last_thickness_is_one_given_by_its_shift(system
     by_shift = load(config)
     assert by_shift.prescription is not None
     z = by_shift.prescription.surfaces[-1].thickness + by_shift.prescription.image_shift
-    text = config.read_text().replace("thickness: focus", f"thickness: {z!r} mm").replace("image_shift", "# image_shift")
-    assert system(text).telescope.seidel.W020 == pytest.approx(by_shift.telescope.seidel.W020, rel=1e-9)
+    text = (
+        config.read_text().replace("thickness: focus", f"thickness: {z!r} mm").replace("image_shift", "# image_shift")
+    )
+    assert pytest.approx(by_shift.telescope.seidel.W020, rel=1e-9) == system(text).telescope.seidel.W020
+
+
+def printed(*arguments: str) -> str:
+    result = CliRunner().invoke(main, ["seidel", *arguments])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_the_command_prints_parts_that_add_up_to_the_total():
+    rows = list(
+        csv.DictReader(printed(str(ROOT / "configs" / "euv_prescription.yaml"), "--format", "csv").splitlines())
+    )
+    assert [row["surface"] for row in rows] == ["primary", "secondary", "detector", "total"]
+    for name in ("W020", "W040", "W131", "W222", "W220", "W311"):
+        parts = [float(row[name]) for row in rows]
+        assert sum(parts[:-1]) == pytest.approx(parts[-1], abs=1e-9)
+    assert float(rows[1]["d_mm"]) == pytest.approx(1750.0 * float(rows[1]["y_mm"]) / 95.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["euv_prescription", "euv_two_mirror", "lens", "three_mirror"])
+def test_the_command_takes_files_with_and_without_a_prescription(name):
+    text = printed(str(ROOT / "configs" / f"{name}.yaml"))
+    table = load(ROOT / "configs" / f"{name}.yaml")
+    total = next(line for line in text.splitlines() if line.startswith("total")).split()[1:]
+    assert float(total[1]) == pytest.approx(table.telescope.seidel.W040 / table.wavelengths[0], abs=6e-5)
+    assert ("Petzval" in text) == (table.prescription is not None)
+
+
+def test_wavelengths_scale_the_waves_but_not_the_telescope():
+    config = str(ROOT / "configs" / "euv_prescription.yaml")
+    one, two = load(config), load(config, ["wavelengths=[18.8 nm]"])
+    assert one.telescope == two.telescope
+
+
+def test_the_lens_of_the_configuration_has_the_table_of_its_surfaces():
+    surfaces = (lens(1.0 / 51.68, 6.0, 1.5168), lens(0.0, 0.0, 1.0))
+    found = traced(*surfaces, radius=10.0, field=math.radians(3.0))
+    given = load(ROOT / "configs" / "lens.yaml")
+    wave = given.wavelengths[0]
+    for name in ("W040", "W131", "W222", "W220", "W311"):
+        # two surfaces, each printed to three decimals
+        theirs = getattr(given.telescope.seidel, name) / wave
+        assert getattr(system_table(found), name) / wave == pytest.approx(theirs, abs=0.0011), name
+    assert found.marginal.heights[1] == pytest.approx(given.surfaces[1].marginal_height, abs=5e-5)
 
 
 @pytest.mark.parametrize("name", ["cassegrain", "ritchey_chretien", "triplet"])
@@ -248,5 +304,7 @@ def test_the_sums_are_those_of_another_program(name):
     assert theirs.keys() == ours.keys()
     largest = max(abs(theirs[f"S{k}"]) for k in range(1, 6))
     for quantity, value in theirs.items():
-        # sums cancel between surfaces: to 1e-9 of the largest of them
-        assert ours[quantity] == pytest.approx(value, rel=1e-8, abs=1e-9 * largest), quantity
+        # sums cancel between surfaces: to 1e-9 of the largest of them; distortion is a limit of exact rays (fields of
+        # a 20th and a 40th leave about 1e-7 of the triplet's)
+        rel = 2e-6 if quantity == "S5" else 1e-8
+        assert ours[quantity] == pytest.approx(value, rel=rel, abs=1e-9 * largest), quantity
