@@ -68,7 +68,8 @@ def load(
     for rule in RULES if values is not None else ():
         for finding in rule(values):
             _tell(finding, tree, faults)
-    if "prescription" in (values or ()) and faults.sections.isdisjoint(("telescope", "prescription")):
+    telescope = {"telescope", "prescription"}
+    if telescope <= (values or {}).keys() and faults.sections.isdisjoint(telescope):
         for finding in an_image_is_made(values):  # any fault may be the reason why there is none
             _tell(finding, tree, faults)
     faults.raise_if_any()
