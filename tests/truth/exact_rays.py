@@ -1,4 +1,4 @@
-"""Exact rays through surfaces of revolution: Newton's method for the point, Snell's law in vectors for the direction."""
+"""Exact rays through surfaces of revolution: points by Newton's method, directions by Snell's law in vectors."""
 
 from __future__ import annotations
 
