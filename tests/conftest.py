@@ -39,7 +39,23 @@ FINITE = (
     .replace("max_field: 0.5 deg", "max_field: 5 mm")
     .replace("[0 deg, 0.25 deg]", "[0 mm, -2.5 mm]")
 )
-GOODS = [GOOD, FINITE, GOOD.replace("[0 deg, 0.25 deg]", "{start: 0 deg, stop: 0.5 deg, count: 3}")]
+PRESCRIBED = (
+    GOOD.replace("  focal_length: 1750 mm\n", "")
+    .replace("  seidel: {reference_wavelength: 9.4 nm, W020: -30.35, W040: 0.42}\n", "")
+    .replace("    marginal_height: 95 mm\n", "")
+    .replace("  - marginal_height: -34.99 mm\n", "  - name: secondary\n")
+    .replace(
+        "surfaces:\n",
+        "prescription:\n"
+        "  stop: primary\n"
+        "  image_shift: -0.2 mm\n"
+        "  surfaces:\n"
+        "    - {name: primary, radius: -1466.02 mm, conic: -1.18005, thickness: -463.03 mm}\n"
+        "    - {name: secondary, radius: -929.14 mm, aspheric: {A4: 1e-9 1/mm^3}, thickness: focus}\n"
+        "surfaces:\n",
+    )
+)
+GOODS = [GOOD, FINITE, PRESCRIBED, GOOD.replace("[0 deg, 0.25 deg]", "{start: 0 deg, stop: 0.5 deg, count: 3}")]
 
 
 @pytest.fixture

@@ -49,6 +49,12 @@ def test_the_schema_is_valid_and_knows_the_good_files() -> None:
         "band_without_sigma",
         "obscuration_one",
         "psd_is_a_number",
+        "prescription_and_focal_length",
+        "prescription_and_marginal_height",
+        "prescription_missing_radius",
+        "prescription_missing_stop",
+        "prescription_radius_word",
+        "prescription_odd_aspheric",
     ],
 )
 def test_the_schema_refuses_files_of_the_wrong_structure(name: str) -> None:
