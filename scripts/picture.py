@@ -56,7 +56,8 @@ def draw(path: Path) -> None:
         axes[1].set_ylabel("")
         colour_bar(figure, drawn)
         energy_panel(axes[2], curves, smooth, pixel)
-        axes[2].legend(loc="upper left")
+        axes[2].legend(loc="lower right")
+        figure.get_layout_engine().set(wspace=0.05)
         axes[2].set_title("(c)  ensquared energy", loc="left")
 
 

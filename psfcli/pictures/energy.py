@@ -49,7 +49,7 @@ def energy_panel(
         xscale="log",
         xlabel="half width about the Gaussian image point  [µm]",
         ylabel="fraction of all light",
-        ylim=(0.0, 1.0),
+        ylim=(0.0, 1.02),
     )
     axes.autoscale(axis="x", tight=True)
     if pixel is not None:
