@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from psfcli.config.model import System
+from psfcli.config.prescribed import finished_surfaces, traced
 from psfcli.config.units import Pixels
 from psfcli.image.grid import Detector
 from psfcli.surface.psd import KCorrelation
 from psfcli.surface.surface import Surface
+from psfcli.telescope.paraxial import ParaxialTrace
 from psfcli.telescope.seidel import SeidelTable
+from psfcli.telescope.seidel_sums import system_table
 from psfcli.telescope.system import Field, Pupil, Telescope
 from psfcli.tolerance import PRESETS, Tolerance
 
@@ -23,20 +26,20 @@ def build(values: Values, text: str, warnings: tuple[str, ...]) -> System:
     accuracy = values["accuracy"]
     boxes = values.get("ensquared_energy")
     surfaces = values["surfaces"]
+    trace = traced(values["prescription"], values["telescope"]) if "prescription" in values else None
+    listed = finished_surfaces(surfaces, trace) if trace else zip(surfaces, indices(surfaces), strict=True)
     return System(
         title=values.get("title", ""),
         wavelengths=tuple(values["wavelengths"]),
-        telescope=_telescope(values["telescope"], surfaces),
-        surfaces=tuple(
-            _surface(surface, f"surface_{i}", media)
-            for i, (surface, media) in enumerate(zip(surfaces, indices(surfaces), strict=True), start=1)
-        ),
+        telescope=_prescribed(values["telescope"], trace) if trace else _telescope(values["telescope"], surfaces),
+        surfaces=tuple(_surface(surface, f"surface_{i}", media) for i, (surface, media) in enumerate(listed, start=1)),
         fields=tuple(field for field in field_points(values) if field),
         detector=_detector(values["detector"]),
         half_widths=tuple(boxes["half_widths"]) if boxes else None,
         tolerance=Tolerance(**accuracy) if isinstance(accuracy, dict) else PRESETS[accuracy],
         text=text,
         warnings=warnings,
+        prescription=trace.prescription if trace else None,
     )
 
 
@@ -108,14 +111,30 @@ def _telescope(telescope: Values, surfaces: list[Values]) -> Telescope:
     else:
         last = indices(list(surfaces))[-1][1] if surfaces else 1.0
         slope = (last or 1.0) * telescope["exit_pupil_radius"] / telescope["image_distance"]
-    sector = telescope.get("sector", (0.0, 2.0 * math.pi))
     return Telescope(
         image_slope=slope,
-        pupil=Pupil(telescope["obscuration"], (sector[0], sector[1])),
+        pupil=_pupil(telescope),
         seidel=SeidelTable.total(_seidel(table, own.get("reference_wavelength", 0.0)) for table in tables),
         max_field=telescope["max_field"],
         focal_length=telescope.get("focal_length"),
     )
+
+
+def _prescribed(telescope: Values, trace: ParaxialTrace) -> Telescope:
+    """The telescope that third-order optics sees in a prescription."""
+    at_infinity = math.isinf(trace.prescription.object_distance)
+    return Telescope(
+        image_slope=trace.image_slope,
+        pupil=_pupil(telescope),
+        seidel=system_table(trace),
+        max_field=telescope["max_field"],
+        focal_length=telescope["aperture_diameter"] / (2.0 * trace.image_slope) if at_infinity else None,
+    )
+
+
+def _pupil(telescope: Values) -> Pupil:
+    start, stop = telescope.get("sector", (0.0, 2.0 * math.pi))
+    return Pupil(telescope["obscuration"], (start, stop))
 
 
 def _seidel(table: Values, reference: float) -> SeidelTable:

@@ -5,7 +5,19 @@ from __future__ import annotations
 import difflib
 from typing import TYPE_CHECKING, Any
 
-from psfcli.config.kinds import ByConjugates, Either, Kind, Listing, Number, Quantity, Section, Text, Variants, Word
+from psfcli.config.kinds import (
+    ByConjugates,
+    ByPrescription,
+    Either,
+    Kind,
+    Listing,
+    Number,
+    Quantity,
+    Section,
+    Text,
+    Variants,
+    Word,
+)
 from psfcli.config.scalars import quantity, scalar
 from psfcli.config.tree import Broken, Mapping, Node, Scalar, Sequence
 
@@ -24,16 +36,18 @@ def check(root: Node, table: Section, faults: Faults) -> Any:
 class _Checker:
     def __init__(self, root: Node, faults: Faults) -> None:
         self.faults = faults
-        telescope = root.entries.get("telescope") if isinstance(root, Mapping) else None
-        keys = telescope.node.entries.keys() if telescope and isinstance(telescope.node, Mapping) else frozenset()
+        self.has_prescription = isinstance(root, Mapping) and "prescription" in root.entries
+        keys = _keys(root, "prescription" if self.has_prescription else "telescope")
         self.may_be_infinity = not keys.isdisjoint(("focal_length", "aperture_diameter"))
-        self.may_be_finite = not keys.isdisjoint(("image_distance", "exit_pupil_radius"))
+        self.may_be_finite = not keys.isdisjoint(("image_distance", "exit_pupil_radius", "object_distance"))
 
-    def value(self, kind: Kind, node: Node, steps: Steps) -> Any:
-        """The checked value of a node, or None after telling its fault."""
+    def value(self, kind: Kind, node: Node, steps: Steps, instead: str = "") -> Any:
+        """The checked value of a node, or None after telling its fault; ``instead``: what else a scalar may be."""
         match kind, node:
             case _, Broken():
                 return None
+            case ByPrescription(), _:
+                return self.value(kind.given if self.has_prescription else kind.without, node, steps)
             case Either(), _:
                 return self.either(kind, node, steps)
             case Section(), Mapping():
@@ -51,7 +65,7 @@ class _Checker:
             assert isinstance(kind, Quantity | Number | Word | Text)
             return scalar(kind, node)
         except ValueError as problem:
-            self.faults.add(node.place, steps, str(problem))
+            self.faults.add(node.place, steps, f"{problem}{instead}")
             return None
 
     def wrong_shape(self, kind: Kind, node: Node, steps: Steps) -> None:
@@ -63,7 +77,9 @@ class _Checker:
         fitting = kind.mapping if isinstance(node, Mapping) else kind.scalar
         if fitting is None:
             return self.wrong_shape(kind, node, steps)
-        value = self.value(fitting, node, steps)
+        if kind.word and isinstance(node, Scalar) and node.text in kind.word.words:
+            return node.text
+        value = self.value(fitting, node, steps, f", or {' or '.join(kind.word.words)}" if kind.word else "")
         return [value] if kind.listed else value
 
     def listing(self, kind: Listing, node: Sequence, steps: Steps) -> list[Any]:
@@ -100,6 +116,8 @@ class _Checker:
                 value = self.value(kind.keys[key].kind, entry.node, (*steps, key))
                 if value is not None:
                     values[key] = value
+            elif key in kind.refused:
+                self.faults.add(entry.key, (*steps, key), kind.refused[key])
             elif key not in foreign:
                 close = difflib.get_close_matches(key, [k for k in kind.keys if k not in node.entries], 1)
                 close = close or difflib.get_close_matches(key, kind.keys, 1)
@@ -142,6 +160,12 @@ class _Checker:
         return quantity(kind.finite if self.may_be_finite else kind.infinity, node)
 
 
+def _keys(root: Node, name: str) -> frozenset[str]:
+    """The keys of the mapping at a key of the top, if there is one."""
+    entry = root.entries.get(name) if isinstance(root, Mapping) else None
+    return frozenset(entry.node.entries) if entry and isinstance(entry.node, Mapping) else frozenset()
+
+
 def _look(node: Node) -> str:
     match node:
         case Sequence():
@@ -161,8 +185,10 @@ def _wanted(kind: Kind) -> str:
         case Listing():
             return "a list"
         case Either():
-            shapes = [shape for shape in (kind.scalar, kind.mapping, kind.listing) if shape]
+            shapes = [shape for shape in (kind.scalar, kind.word, kind.mapping, kind.listing) if shape]
             return " or ".join(dict.fromkeys(_wanted(shape) for shape in shapes))
+        case ByPrescription():
+            return _wanted(kind.given)
         case Quantity() | ByConjugates():
             return "a number with a unit"
         case Number():

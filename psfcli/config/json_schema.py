@@ -4,7 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from psfcli.config.kinds import ByConjugates, Either, Key, Kind, Listing, Number, Quantity, Section, Variants, Word
+from psfcli.config.kinds import (
+    ByConjugates,
+    ByPrescription,
+    Either,
+    Key,
+    Kind,
+    Listing,
+    Number,
+    Quantity,
+    Section,
+    Variants,
+    Word,
+)
 from psfcli.config.table import SYSTEM
 from psfcli.config.units import PATTERN
 
@@ -21,6 +33,8 @@ def _schema(kind: Kind) -> dict[str, Any]:
             return {"type": "string", "pattern": PATTERN, "description": f"{kind.low}..{kind.high}"}
         case ByConjugates():
             return {"type": "string", "pattern": PATTERN}
+        case ByPrescription():
+            return {}  # what it is stands beside the properties, for it depends on another of them
         case Number():
             low = "exclusiveMinimum" if kind.beyond else "minimum"
             high = "exclusiveMaximum" if kind.below else "maximum"
@@ -39,7 +53,7 @@ def _schema(kind: Kind) -> dict[str, Any]:
         case Variants():
             return {"oneOf": [_variant(kind, name) for name in kind.sections]}
         case Either():
-            shapes = [shape for shape in (kind.scalar, kind.mapping, kind.listing) if shape]
+            shapes = [shape for shape in (kind.scalar, kind.word, kind.mapping, kind.listing) if shape]
             return {"anyOf": [_schema(shape) for shape in shapes]}
     return {"type": "string"}
 
@@ -51,6 +65,11 @@ def _section(kind: Section) -> dict[str, Any]:
         "required": [name for name, key in kind.keys.items() if key.required],
         "additionalProperties": False,
     }
+    either = {name: key.kind for name, key in kind.keys.items() if isinstance(key.kind, ByPrescription)}
+    if either:
+        made["if"] = {"required": ["prescription"]}
+        made["then"] = {"properties": {name: _schema(one.given) for name, one in either.items()}}
+        made["else"] = {"properties": {name: _schema(one.without) for name, one in either.items()}}
     needs = {name: [key.needs] for name, key in kind.keys.items() if key.needs}
     if needs:
         made["dependentRequired"] = needs

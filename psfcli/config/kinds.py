@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -30,6 +30,14 @@ class ByConjugates:
 
     infinity: Quantity
     finite: Quantity
+
+
+@dataclass(frozen=True, slots=True)
+class ByPrescription:
+    """A value that is of one kind where the telescope is given as third-order optics sees it, else of another."""
+
+    without: Kind
+    given: Kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +88,15 @@ class Key:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """A mapping; of ``alternatives``, sets of keys, exactly one must be there in full."""
+    """A mapping; of ``alternatives``, sets of keys, exactly one must be there in full.
+
+    ``refused``: keys that users may well expect here, and why there are none.
+    """
 
     keys: dict[str, Key]
     alternatives: tuple[tuple[str, ...], ...] = ()
     name: str = ""
+    refused: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,12 +110,16 @@ class Variants:
 
 @dataclass(frozen=True, slots=True)
 class Either:
-    """A scalar, a mapping or a list, told apart by looks; ``listed``: a lone value counts as a list of one."""
+    """A scalar, a mapping or a list, told apart by looks; ``listed``: a lone value counts as a list of one.
+
+    ``word`` may stand in place of the scalar.
+    """
 
     scalar: Quantity | ByConjugates | Word | None = None
+    word: Word | None = None
     mapping: Section | Variants | None = None
     listing: Listing | None = None
     listed: bool = False
 
 
-Kind = Quantity | ByConjugates | Number | Word | Text | Listing | Section | Variants | Either
+Kind = Quantity | ByConjugates | ByPrescription | Number | Word | Text | Listing | Section | Variants | Either

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 from psfcli.config.build import build
 from psfcli.config.check import check
 from psfcli.config.faults import Faults, Place
+from psfcli.config.finding import Finding
 from psfcli.config.growing import grow
 from psfcli.config.options import with_options
 from psfcli.config.paths import follow
-from psfcli.config.rules import RULES, Finding, warnings
+from psfcli.config.rules import RULES, warnings
 from psfcli.config.source import read
 from psfcli.config.table import SYSTEM
 from psfcli.config.tree import Broken, Mapping, Node, Scalar

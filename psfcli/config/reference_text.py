@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
-from psfcli.config.kinds import ByConjugates, Either, Key, Kind, Listing, Number, Quantity, Section, Variants, Word
+from psfcli.config.kinds import (
+    ByConjugates,
+    ByPrescription,
+    Either,
+    Key,
+    Kind,
+    Listing,
+    Number,
+    Quantity,
+    Section,
+    Variants,
+    Word,
+)
 from psfcli.config.scalars import span
 from psfcli.config.table import SYSTEM
 
@@ -24,6 +36,8 @@ def _sections(kind: Kind | None) -> dict[Section, None]:
             return _sections(kind.of)
         case Either():
             return _sections(kind.mapping) | _sections(kind.listing)
+        case ByPrescription():
+            return _sections(kind.without) | _sections(kind.given)
     return {}
 
 
@@ -49,6 +63,8 @@ def _value(kind: Kind) -> str:
             return f"{kind.dimension.name}, {size}{kind.low} .. {kind.high}"
         case ByConjugates():
             return f"{_value(kind.infinity)}; at finite conjugates {_value(kind.finite)}"
+        case ByPrescription():
+            return f"{_value(kind.without)}; with a prescription {_value(kind.given)}"
         case Number():
             return f"{'whole number' if kind.whole else 'number'}, {span(kind)}"
         case Word():
@@ -61,6 +77,6 @@ def _value(kind: Kind) -> str:
         case Variants():
             return " or ".join(f"`{section.name}`" for section in kind.sections.values())
         case Either():
-            shapes = [shape for shape in (kind.scalar, kind.mapping, kind.listing) if shape]
+            shapes = [shape for shape in (kind.scalar, kind.word, kind.mapping, kind.listing) if shape]
             return "; or ".join(_value(shape) for shape in shapes)
     return "text"

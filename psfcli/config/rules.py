@@ -4,43 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from psfcli.config.build import Values, field_points, indices, spectrum
+from psfcli.config.finding import Finding, dig
+from psfcli.config.prescription_rules import PRESCRIPTION_RULES
 
 if TYPE_CHECKING:
     from psfcli.config.faults import Steps
     from psfcli.telescope.system import Field
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A fault between keys, told at the value at ``steps`` (``key``: a missing key, told where its parent is named).
-
-    ``problem`` goes on from the value where that is a single one, and stands alone otherwise.
-    ``against``: the other values involved; an option that set one of them is blamed.
-    """
-
-    steps: Steps
-    problem: str
-    against: tuple[Steps, ...] = ()
-    key: str = ""
-
-
 _REFERENCE = "reference_wavelength"
 
 Rule = Callable[[Values], Iterator[Finding]]
-
-
-def dig(values: Any, *steps: str | int) -> Any:
-    """What stands at ``steps`` of the checked values, or None."""
-    for step in steps:
-        try:
-            values = values[step]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return values
 
 
 def _surfaces(values: Values) -> list[tuple[int, Values]]:
@@ -121,13 +98,16 @@ def waves_have_a_length(values: Values) -> Iterator[Finding]:
 
 def refraction_is_complete(values: Values) -> Iterator[Finding]:
     """A refracting surface has its indices, which hold at one wavelength."""
-    refracting = [(i, surface) for i, surface in _surfaces(values) if surface.get("kind") == "refracting"]
+    built = dig(values, "prescription", "surfaces")
+    top: Steps = ("surfaces",) if built is None else ("prescription", "surfaces")
+    listed = enumerate(dig(values, *top) or [])
+    refracting = [(i, surface) for i, surface in listed if surface and surface.get("kind") == "refracting"]
     count = len(values.get("wavelengths", []))
     if refracting and count > 1:
         problem = f"needs exactly one wavelength in the file, got {count}; its index belongs to one"
-        yield Finding(("surfaces", refracting[0][0], "kind"), problem, (("wavelengths",),))
+        yield Finding((*top, refracting[0][0], "kind"), problem, (("wavelengths",),))
     for i, surface in refracting:
-        if "index" not in surface:
+        if "index" not in surface and built is None:
             yield Finding(("surfaces", i), "missing key (a refracting surface needs [before, after])", (), "index")
 
 
@@ -185,6 +165,7 @@ RULES: tuple[Rule, ...] = (
     media_join,
     range_advances,
     nothing_twice,
+    *PRESCRIPTION_RULES,
 )
 
 

@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
-from psfcli.config.kinds import ByConjugates, Either, Key, Listing, Number, Quantity, Section, Text, Variants, Word
+from psfcli.config.kinds import (
+    ByConjugates,
+    ByPrescription,
+    Either,
+    Key,
+    Listing,
+    Number,
+    Quantity,
+    Section,
+    Text,
+    Variants,
+    Word,
+)
+from psfcli.config.prescription_table import INDEX, PRESCRIPTION
 from psfcli.config.units import ANGLE, FREQUENCY, LENGTH, LENGTH4, SHIFT, VOLUME
 from psfcli.tolerance import PRESETS
 
@@ -19,6 +32,8 @@ ROUGHNESS = Quantity(LENGTH, "0 nm", "100 mm", "nm")
 HALF_WIDTH = Quantity(LENGTH, "1 pm", "1 km", "um")
 WAVES = Number(-1e6, 1e6)
 MOST_PIXELS = 16384
+_PRESCRIBED = "the prescription gives it; take out one of the two"
+_SHAPES = dict.fromkeys(("radius", "conic", "aspheric", "thickness"), "belongs to a surface of prescription.surfaces")
 
 SEIDEL = Section(
     {
@@ -33,19 +48,29 @@ SEIDEL = Section(
     name="seidel",
 )
 
+_PUPIL = {
+    "obscuration": Key(Number(0, 1, below=True), "Linear central obscuration.", default=0),
+    "sector": Key(Listing(AZIMUTH, 2, 2), "First and last lit azimuth of the pupil, +x towards +y; default all."),
+    "max_field": Key(MAX_FIELD, "The field where the Seidel table holds (H = 1).", required=True),
+}
+
 TELESCOPE = Section(
     {
         "focal_length": Key(DISTANCE, "Focal length; the object lies at infinity."),
         "aperture_diameter": Key(APERTURE, "Full width of the entrance pupil; goes with focal_length."),
         "image_distance": Key(DISTANCE, "From the exit pupil to the Gaussian image, at finite conjugates."),
         "exit_pupil_radius": Key(APERTURE, "Goes with image_distance."),
-        "obscuration": Key(Number(0, 1, below=True), "Linear central obscuration.", default=0),
-        "sector": Key(Listing(AZIMUTH, 2, 2), "First and last lit azimuth of the pupil, +x towards +y; default all."),
-        "max_field": Key(MAX_FIELD, "The field where the Seidel table holds (H = 1).", required=True),
+        **_PUPIL,
         "seidel": Key(SEIDEL, "Wavefront at the pupil rim and full field."),
     },
     alternatives=(("focal_length", "aperture_diameter"), ("image_distance", "exit_pupil_radius")),
     name="telescope",
+)
+
+PRESCRIBED_TELESCOPE = Section(
+    {"aperture_diameter": Key(APERTURE, "Full width of the entrance pupil.", required=True), **_PUPIL},
+    name="telescope, with a prescription",
+    refused=dict.fromkeys(("focal_length", "image_distance", "exit_pupil_radius", "seidel"), _PRESCRIBED),
 )
 
 _B = Key(Quantity(LENGTH, "1 nm", "1 km", "mm"), "The length of the knee: it lies at the frequency 1/B.", required=True)
@@ -94,18 +119,29 @@ PSD = Variants(
     },
 )
 
+_FINISH = {
+    "psd": Key(Either(mapping=PSD, listing=Listing(PSD, 0, 100), listed=True), "Terms that add; none: smooth."),
+    "reflectance": Key(Number(0, 1, beyond=True), "Enters the reported throughput only.", default=1),
+    "incidence": Key(INCIDENCE, "Angle of incidence; multiplies the scatter by its cos^2.", default="0 deg"),
+}
+
 SURFACE = Section(
     {
         "name": Key(Text(), "What reports call it; default surface_1, surface_2, ..."),
         "marginal_height": Key(MARGINAL_HEIGHT, "Height of the marginal ray; the sign does not matter.", required=True),
-        "psd": Key(Either(mapping=PSD, listing=Listing(PSD, 0, 100), listed=True), "Terms that add; none: smooth."),
-        "reflectance": Key(Number(0, 1, beyond=True), "Enters the reported throughput only.", default=1),
+        **_FINISH,
         "seidel": Key(SEIDEL, "This surface's part of the wavefront, in the same normalised coordinates."),
-        "incidence": Key(INCIDENCE, "Angle of incidence; multiplies the scatter by its cos^2.", default="0 deg"),
         "kind": Key(Word(("mirror", "refracting")), "What the surface does.", default="mirror"),
-        "index": Key(Listing(Number(0.1, 10), 2, 2), "Refractive index before and after; required when refracting."),
+        "index": Key(Listing(INDEX, 2, 2), "Refractive index before and after; required when refracting."),
     },
     name="surfaces[]",
+    refused=_SHAPES,
+)
+
+PRESCRIBED_SURFACE = Section(
+    {"name": Key(Text(), "Which surface of the prescription; those not listed are smooth.", required=True), **_FINISH},
+    name="surfaces[], with a prescription",
+    refused=dict.fromkeys(("marginal_height", "seidel", "kind", "index"), _PRESCRIBED) | _SHAPES,
 )
 
 POINT = Section(
@@ -167,8 +203,15 @@ SYSTEM = Section(
             "One wavelength or a list.",
             required=True,
         ),
-        "telescope": Key(TELESCOPE, "Conjugates, pupil and aberrations.", required=True),
-        "surfaces": Key(Listing(SURFACE, 0, 1000), "In the order light meets them.", required=True),
+        "telescope": Key(
+            ByPrescription(TELESCOPE, PRESCRIBED_TELESCOPE), "Conjugates, pupil and aberrations.", required=True
+        ),
+        "prescription": Key(PRESCRIPTION, "The surfaces as built; gives conjugates, marginal heights and aberrations."),
+        "surfaces": Key(
+            ByPrescription(Listing(SURFACE, 0, 1000), Listing(PRESCRIBED_SURFACE, 0, 1000)),
+            "In the order light meets them; with a prescription in any order, for their finish alone.",
+            required=True,
+        ),
         "fields": Key(FIELDS, "Field points; a bare value lies on +y.", required=True),
         "detector": Key(DETECTOR, "The window and its pixels.", required=True),
         "ensquared_energy": Key(BOXES, "Boxes to report."),

@@ -49,6 +49,19 @@ def _powers(n: int) -> dict[str, Factor]:
 LENGTH = Dimension("length", "mm", _LENGTHS)
 ANGLE = Dimension("angle", "rad", _ANGLES)
 FREQUENCY = Dimension("spatial frequency", "1/mm", {f"1/{u}": (b, a) for u, (a, b) in _LENGTHS.items()})
+INVERSE_POWERS = {
+    n: Dimension(
+        f"length^-{n}",
+        f"mm-{n}",
+        {
+            spelling: (b**n, a**n)
+            for u, (a, b) in _LENGTHS.items()
+            for spelling in (f"1/{u}^{n}", f"1/{u}{n}", f"1/{u}**{n}", f"{u}^-{n}", f"{u}-{n}", f"{u}**-{n}")
+        },
+    )
+    for n in range(3, 16, 2)
+}
+"""1/length^n, of the terms of an asphere."""
 VOLUME = Dimension("length^3", "mm3", _powers(3))
 LENGTH4 = Dimension("length^4", "mm4", _powers(4))
 SHIFT = Dimension("length", "mm", _LENGTHS | {"pix": (1, 1), "pixel": (1, 1)})

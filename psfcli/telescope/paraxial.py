@@ -49,18 +49,18 @@ class ParaxialTrace:
 
     @property
     def lagrange_invariant(self) -> float:
-        """n (u ybar - ubar y) [mm], the same in every space; never positive here."""
+        """The product n (u ybar - ubar y) [mm], the same in every space; never positive here."""
         y, ybar = self.marginal.heights[0], self.chief.heights[0]
         return self.indices[0] * (self.marginal.slopes[0] * ybar - self.chief.slopes[0] * y)
 
     @property
     def image_slope(self) -> float:
-        """u' of Eq. 4 [1]: the image space's index times the slope of the marginal ray there, as a magnitude."""
+        """The slope u' of Eq. 4 [1]: the image space's index times the marginal ray's slope there, as a magnitude."""
         return abs(self.indices[-1] * self.marginal.slopes[-1])
 
     @property
     def image_distance(self) -> float:
-        """z of the paraxial image less that of the last vertex [mm]."""
+        """The z of the paraxial image less that of the last vertex [mm]."""
         return -self.marginal.heights[-1] / self.marginal.slopes[-1]
 
     @property
@@ -76,13 +76,13 @@ class ParaxialTrace:
 
     @property
     def entrance_pupil(self) -> tuple[float, float]:
-        """z from the first vertex (infinite: telecentric) and radius [mm] of the stop's image in object space."""
+        """The z from the first vertex (infinite: telecentric) and radius [mm] of the stop's image in object space."""
         z = _crossing(self.chief.heights[0], self.chief.slopes[0])
         return z, _height(self.marginal.heights[0], self.marginal.slopes[0], z)
 
     @property
     def exit_pupil(self) -> tuple[float, float]:
-        """z from the last vertex (infinite: telecentric) and radius [mm] of the stop's image in image space."""
+        """The z from the last vertex (infinite: telecentric) and radius [mm] of the stop's image in image space."""
         z = _crossing(self.chief.heights[-1], self.chief.slopes[-1])
         return z, _height(self.marginal.heights[-1], self.marginal.slopes[-1], z)
 
@@ -103,7 +103,7 @@ class ParaxialTrace:
 
 
 def signed_indices(prescription: Prescription) -> tuple[float, ...]:
-    """n of the spaces before, between and behind the surfaces [1], its sign that of the light's way along z."""
+    """The n of the spaces before, between and behind the surfaces [1], its sign that of the light's way along z."""
     indices = [prescription.index_before]
     for surface in prescription.surfaces:
         indices.append(-indices[-1] if surface.is_mirror else math.copysign(surface.index, indices[-1]))
