@@ -60,6 +60,7 @@ def plan(
         jobs=jobs,
         max_memory=max_memory,
         everything=everything,
+        prescription=system.prescription,
     )
     if scene.resources.memory > max_memory:
         raise AccuracyUnreachable(
@@ -191,6 +192,7 @@ def header(
         input_name=input_name,
         input_sha256=input_sha256,
         plan=scene.report(),
+        warnings=scene.warnings,
     )
 
 

@@ -31,7 +31,17 @@ ORDER = (
 # What each part may import of the others, for type checkers too: nobody needs the name of what they must not know.
 # recipe.py alone joins planning, image and products; products know images, not how they were asked for or planned.
 MAY_IMPORT = {
-    "cli": {"tradeoff", "prediction", "recipe", "config", "products", "planning", "pictures", "tolerance"},
+    "cli": {
+        "tradeoff",
+        "prediction",
+        "recipe",
+        "config",
+        "products",
+        "planning",
+        "telescope",
+        "pictures",
+        "tolerance",
+    },
     "tradeoff": {"recipe", "config", "products", "planning", "image", "surface", "telescope", "pictures", "tolerance"},
     "prediction": {"recipe", "planning", "image", "tolerance"},
     "recipe": {"config", "products", "planning", "image", "tolerance"},

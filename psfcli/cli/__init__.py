@@ -13,6 +13,7 @@ _COMMANDS = {
     "run": "Compute PSF cubes and ensquared energy for every wavelength and field.",
     "plan": "Say what a run would compute, how exact, how long; writes nothing.",
     "check": "Validate system files.",
+    "seidel": "Print each surface's aberrations and the first-order optics of a telescope.",
     "tradeoff": "Measure what accuracy costs on a scene, beside FFT and ray counting.",
     "plot": "Draw the products of a run: images and ensquared energy.",
     "compare": "Measure the differences between two products.",

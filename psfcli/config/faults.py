@@ -44,13 +44,18 @@ def quoted(text: str) -> str:
 
 @dataclass(slots=True)
 class Faults:
-    """The faults met so far; a value that stands at several paths (a YAML alias) is told once."""
+    """The faults met so far; a value that stands at several paths (a YAML alias) is told once.
+
+    ``sections``: the keys of the top below which there are any.
+    """
 
     met: dict[tuple[Place, Steps, str], str] = field(default_factory=dict)
+    sections: set[str | int] = field(default_factory=set)
 
     def add(self, place: Place, steps: Steps, problem: str) -> None:
         """Note a fault."""
         path = f"{spell(steps)}: " if steps else ""
+        self.sections.update(steps[:1])
         distinct = steps if place.option else steps[-1:]  # an option has one place for all it says
         self.met.setdefault((place, distinct, problem), f"{place.label}: {path}{problem}")
 

@@ -12,6 +12,7 @@ from psfcli.config.finding import Finding
 from psfcli.config.growing import grow
 from psfcli.config.options import with_options
 from psfcli.config.paths import follow
+from psfcli.config.prescription_rules import an_image_is_made
 from psfcli.config.rules import RULES, warnings
 from psfcli.config.source import read
 from psfcli.config.table import SYSTEM
@@ -66,6 +67,9 @@ def load(
     values = check(tree, SYSTEM, faults)
     for rule in RULES if values is not None else ():
         for finding in rule(values):
+            _tell(finding, tree, faults)
+    if "prescription" in (values or ()) and faults.sections.isdisjoint(("telescope", "prescription")):
+        for finding in an_image_is_made(values):  # any fault may be the reason why there is none
             _tell(finding, tree, faults)
     faults.raise_if_any()
     return build(values, text if tree is root else written(tree), tuple(warnings(values)))

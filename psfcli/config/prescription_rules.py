@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from psfcli.config.finding import Finding, dig
 from psfcli.config.prescribed import Values, traced
@@ -26,9 +26,9 @@ def _layout(values: Values) -> Sequence[Values | None]:
 
 
 def _names(values: Values) -> list[str]:
-    """The names of the surfaces; none where one of them is bad, for it may be any."""
+    """The names of the surfaces; none where one is bad or stands twice, for another may be meant."""
     names = [dig(surface, "name") for surface in _layout(values)]
-    return [] if None in names else names
+    return [] if None in names or len(set(names)) < len(names) else names
 
 
 def _unknown(names: Sequence[str], name: str) -> str:
@@ -82,26 +82,17 @@ def light_goes_on(values: Values) -> Iterator[Finding]:
 
 
 def an_image_is_made(values: Values) -> Iterator[Finding]:
-    """Light converges on an image behind the last surface, within the ranges that telescopes have in these files."""
-    found = _traced(values)
-    if isinstance(found, str):
-        yield Finding(("prescription",), found)
-    elif found is not None:
-        yield from _out_of_range(values, found)
+    """Light converges on an image behind the last surface, within the ranges that these files allow.
 
-
-def _traced(values: Values) -> ParaxialTrace | str | None:
-    """The trace; in words why there is none; or None where the values have other faults, told elsewhere."""
-    if any(True for rule in (names_are_distinct, names_are_known, light_goes_on) for _ in rule(values)):
-        return None
+    For values whose ``telescope`` and ``prescription`` have no other fault.
+    """
     try:
-        return traced(values["prescription"], values["telescope"])
+        found = traced(values["prescription"], values["telescope"])
+        yield from _out_of_range(values, found)
     except ParaxialError as problem:
-        return str(problem)
+        yield Finding(("prescription",), str(problem))
     except ArithmeticError:
-        return "its rays leave all bounds; look for a wrong unit"
-    except (KeyError, TypeError, ValueError):  # a value is missing or bad, and told
-        return None
+        yield Finding(("prescription",), "its rays leave all bounds; look for a wrong unit")
 
 
 def _out_of_range(values: Values, found: ParaxialTrace) -> Iterator[Finding]:
@@ -116,11 +107,17 @@ def _out_of_range(values: Values, found: ParaxialTrace) -> Iterator[Finding]:
     for i, surface in enumerate(found.prescription.surfaces):
         height = found.marginal.heights[i]
         if (1.0 + surface.conic) * (surface.curvature * height) ** 2 >= 1.0:
-            problem = f"is too small: the marginal ray, {abs(height):.6g} mm from the axis, misses the surface"
+            problem = (
+                f"with its conic leaves no surface {abs(height):.6g} mm from the axis, where the marginal ray passes"
+            )
             yield Finding((*_LAYOUT, i, "radius"), problem, (("telescope", "aperture_diameter"),))
-    heights = {s.name: abs(y) for s, y in zip(found.prescription.surfaces, found.marginal.heights, strict=True)}
+    in_image = {
+        s.name
+        for s, y in zip(found.prescription.surfaces, found.marginal.heights, strict=True)
+        if abs(y) < _LEAST_HEIGHT
+    }
     for i, finish in enumerate(values.get("surfaces", [])):
-        if dig(finish, "psd") and heights[finish["name"]] < _LEAST_HEIGHT:
+        if dig(finish, "psd") and dig(finish, "name") in in_image:
             yield Finding(("surfaces", i, "name"), "lies in an image, where the scatter of its psd is not modelled")
     yield from _too_aberrated(values, found)
 
@@ -138,4 +135,8 @@ def _too_aberrated(values: Values, found: ParaxialTrace) -> Iterator[Finding]:
                 return
 
 
-PRESCRIPTION_RULES: tuple[Any, ...] = (names_are_distinct, names_are_known, light_goes_on, an_image_is_made)
+PRESCRIPTION_RULES: tuple[Callable[[Values], Iterator[Finding]], ...] = (
+    names_are_distinct,
+    names_are_known,
+    light_goes_on,
+)

@@ -48,8 +48,8 @@ def compare(a: Path, b: Path, tolerance: Tolerance | None = None) -> Comparison:
     - ensquared energies: ``ee``; power in and outside the frame: ``pixel`` P + ``ee``;
     - lengths in FIELDS: 1e-9 P and a picometre; all other numbers: 1e-9 P.
 
-    Text must be equal. Versions, title, system file, asked and estimated accuracies are not compared. Raises
-    ComparisonError.
+    Text must be equal. Versions, title, system file, asked and estimated accuracies and the validity of the model are
+    not compared. Raises ComparisonError.
     """
     pairs = _pairs(a, b)
     if tolerance is None:
