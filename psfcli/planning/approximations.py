@@ -54,8 +54,9 @@ def figure_share(surface: Surface, wavelength: float) -> float:
     edge = horizon(surface, wavelength)
     beam = 2.0 * abs(surface.marginal_height)
     lowest = min(1.0 / beam, edge) if beam else edge
-    figure = math.fsum(term.band_variance(0.0, lowest) for term in surface.psd)
-    return figure / relative_rms(surface, wavelength) ** 2
+    # of rms, not of variances, which underflow
+    figure = math.hypot(*(term.sigma * math.sqrt(term.band_share(0.0, lowest)) for term in surface.psd))
+    return (figure / relative_rms(surface, wavelength)) ** 2
 
 
 def tis_changes(surface: Surface, wavelength: float, incidence: Real) -> Real:
