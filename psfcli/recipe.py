@@ -60,6 +60,7 @@ def plan(
         jobs=jobs,
         max_memory=max_memory,
         everything=everything,
+        prescription=system.prescription,
     )
     if with_cube and system.detector.farthest() > scene.lit_to:
         raise SceneError(
@@ -197,6 +198,7 @@ def header(
         input_name=input_name,
         input_sha256=input_sha256,
         plan=scene.report(),
+        warnings=scene.warnings,
     )
 
 

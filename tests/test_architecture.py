@@ -31,12 +31,22 @@ ORDER = (
 # What each part may import of the others, for type checkers too: nobody needs the name of what they must not know.
 # recipe.py alone joins planning, image and products; products know images, not how they were asked for or planned.
 MAY_IMPORT = {
-    "cli": {"tradeoff", "prediction", "recipe", "config", "products", "planning", "telescope", "tolerance"},
+    "cli": {
+        "tradeoff",
+        "prediction",
+        "recipe",
+        "config",
+        "products",
+        "planning",
+        "telescope",
+        "pictures",
+        "tolerance",
+    },
     "tradeoff": {"recipe", "config", "products", "planning", "image", "surface", "telescope", "pictures", "tolerance"},
     "prediction": {"recipe", "planning", "image", "tolerance"},
     "recipe": {"config", "products", "planning", "image", "tolerance"},
     "config": {"image", "surface", "telescope", "tolerance"},
-    "products": {"image", "surface", "telescope", "tolerance"},
+    "products": {"image", "surface", "telescope", "pictures", "tolerance"},  # products read back are drawn
     "planning": {"image", "surface", "telescope", "tolerance"},
     "image": {"surface", "telescope", "tolerance"},
     "surface": {"tolerance"},

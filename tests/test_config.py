@@ -142,11 +142,6 @@ def test_a_field_beyond_the_table_is_a_warning(system: Any) -> None:
     assert warning == "fields: 1 of 2 lie beyond max_field, where the Seidel table is extrapolated"
 
 
-def test_a_knee_below_ten_wavelengths_is_a_warning(system: Any) -> None:
-    (warning,) = system(GOOD.replace("S0: 1 nm4, B: 1 mm", "S0: 1 nm4, B: 90 nm")).warnings
-    assert warning.startswith("surfaces[1].psd[1].B: 90 nm is below ten wavelengths (94 nm)")
-
-
 def test_surface_tables_are_summed_in_their_own_waves(system: Any) -> None:
     text = GOOD.replace("W020: -30.35, W040: 0.42", "W020: -30.35").replace(
         "  - marginal_height: -",

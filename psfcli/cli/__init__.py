@@ -15,6 +15,7 @@ _COMMANDS = {
     "check": "Validate system files.",
     "seidel": "Print each surface's aberrations and the first-order optics of a telescope.",
     "tradeoff": "Measure what accuracy costs on a scene, beside FFT and ray counting.",
+    "plot": "Draw the products of a run: images and ensquared energy.",
     "compare": "Measure the differences between two products.",
     "schema": "Print the JSON Schema of the system file.",
 }

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from psfcli.config import System
     from psfcli.planning.effects import Effect
     from psfcli.planning.plan import Plan
+    from psfcli.planning.validity import Criterion
     from psfcli.prediction import Trials
     from psfcli.products.header import RunHeader
     from psfcli.tolerance import Tolerance
@@ -58,6 +59,8 @@ def describe(system: System, formats: Sequence[str], jobs: int | None, max_memor
         "",
         *_effects(scene.effects),
         "",
+        *_validity(scene.validity),
+        "",
         f"images      {len(scene.wavelengths) * len(scene.fields)}, of which {len(scene.computations)} computed; "
         f"{scene.detector.pixels} x {scene.detector.pixels} pixels of {1e3 * scene.detector.pixel:g} um"
         + (f", oversampled {scene.detector.oversample}" if scene.with_cube else ", none computed"),
@@ -67,7 +70,6 @@ def describe(system: System, formats: Sequence[str], jobs: int | None, max_memor
         f"time        about {seconds:.2g} s beyond {beyond}, by {needs.jobs} job{'s' * (needs.jobs > 1)}",
         f"memory      {1e-6 * needs.memory:.0f} MB of {1e-6 * allowed:.0f} MB allowed; cubes of "
         f"{1e-6 * needs.output:.1f} MB",
-        *(f"warning     {warning}" for warning in scene.warnings),
     ]
     return "\n".join(lines).lstrip("\n")
 
@@ -135,6 +137,17 @@ def _effects(effects: Sequence[Effect]) -> Iterator[str]:
         yield (f"{effect.name:{width}}  {state:8}  {_bound(effect.ee):>7}  {_bound(effect.pixel):>7}  {why}")
         if more:
             yield f"{'':{width}}  ... and {more} more {state}, all of them in the manifest of a run"
+
+
+def _validity(criteria: Sequence[Criterion]) -> Iterator[str]:
+    """A table of the criteria: how far the model itself can be trusted."""
+    width = max(len(criterion.name) for criterion in criteria)
+    yield f"{'validity of the model':{width}}    value  at most"
+    for each in criteria:
+        value = "unknown" if math.isnan(each.value) else f"{each.value:.2g}"
+        limit = f"{each.threshold:g}" if math.isfinite(each.threshold) else "-"
+        mark = "" if each.ok else "warning: "
+        yield f"{each.name:{width}}  {value:>7}  {limit:>7}  {mark}{each.advice}"
 
 
 def _first_of(alike: Sequence[Effect]) -> Iterator[tuple[Effect, int]]:

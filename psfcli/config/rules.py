@@ -176,13 +176,6 @@ def warnings(values: Values) -> Iterator[str]:
     beyond = sum(radius > max_field * (1.0 + 1e-12) for radius in radii)
     if beyond:
         yield f"fields: {beyond} of {len(radii)} lie beyond max_field, where the Seidel table is extrapolated"
-    longest = max(values["wavelengths"])
-    for (_, i, _, j), term in _terms(values):
-        if term["B"] < 10.0 * longest:
-            yield (
-                f"surfaces[{i}].psd[{j}].B: {term['B'] * 1e6:g} nm is below ten wavelengths ({longest * 1e7:g} nm), "
-                "where the surface transfer function no longer holds"
-            )
     own = {name for name, waves in values["telescope"].get("seidel", {}).items() if waves} - {"W020", _REFERENCE}
     if own and any("seidel" in surface for _, surface in _surfaces(values)):
         yield f"telescope.seidel: {', '.join(sorted(own))} are added to the surfaces' tables; W020 alone may be meant"

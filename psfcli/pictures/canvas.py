@@ -24,11 +24,11 @@ _STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def sheet(stream: BinaryIO, width: float, height: float, *, colours: int = _COLOURS) -> Iterator[Any]:
+def sheet(stream: BinaryIO, width: float, height: float, *, colours: int | None = _COLOURS) -> Iterator[Any]:
     """A matplotlib Figure of ``width`` x ``height`` inches to draw on; written to ``stream`` as PNG at the end.
 
-    No more than ``colours`` (at most 256) are kept: such a file is a third as large. The same drawing gives the same
-    bytes. Raises ImportError where matplotlib is missing.
+    No more than ``colours`` (at most 256) are kept: such a file is a third as large. None, for what has a colour map,
+    keeps all. The same drawing gives the same bytes. Raises ImportError where matplotlib is missing.
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -40,4 +40,5 @@ def sheet(stream: BinaryIO, width: float, height: float, *, colours: int = _COLO
         canvas: Any = FigureCanvasAgg(figure)
         yield figure
         canvas.draw()
-    Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(colours).save(stream, "png")
+    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    (drawn.quantize(colours) if colours else drawn).save(stream, "png", optimize=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from psfcli.image.collapse import collapse, is_collapsed
 from psfcli.image.grid import Detector
 from psfcli.image.scatter import clip_is_seen, scatter_term, term_shape
+from psfcli.planning.approximations import scattered_twice
 from psfcli.planning.displacement import Sensitivity
 from psfcli.planning.sharing import Computation
 from psfcli.planning.smoothness import Place, Smoothness
@@ -76,9 +77,8 @@ def scatter_effects(
                 because = "may move that much light" if math.isnan(pixel) else "lights pixels that little else lights"
                 yield Effect(label, True, ee, pixel, because, "a term of the mixture")
     G = sum(phase_variance(surface, wavelength) for surface in smoothness.surfaces)
-    twice = -math.expm1(-G) - G * math.exp(-G)
     because = "light scattered more than once, in the exponential of Eq. 29" if G else "nothing scatters"
-    yield Effect(f"multiple scatter{place}", G > 0.0, twice, math.inf if G else 0.0, because, "nothing")
+    yield Effect(f"multiple scatter{place}", G > 0.0, scattered_twice(G), math.inf if G else 0.0, because, "nothing")
 
 
 def reach_effects(

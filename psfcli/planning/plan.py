@@ -25,7 +25,9 @@ from psfcli.planning.effects import (
 from psfcli.planning.resources import Resources, resources
 from psfcli.planning.sharing import Computation, each_by_itself, shared_computations
 from psfcli.planning.smoothness import Smoothness, smooth_enough
+from psfcli.planning.validity import Criterion, validity
 from psfcli.surface.surface import Surface
+from psfcli.telescope.prescription import Prescription
 from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Telescope
 from psfcli.tolerance import Tolerance
@@ -49,7 +51,8 @@ class Plan:
 
     ``reach`` [mm] is the farthest distance from the image point that anything asks for, or ``lit_to``, beyond which no
     light lands; ``half_widths`` [mm] the boxes, increasing, none where no product holds them; ``scatter`` one row of
-    surfaces and ``specular_fractions`` one number per wavelength; ``warnings`` one line each.
+    surfaces and ``specular_fractions`` one number per wavelength; ``validity`` says how far the
+    model itself holds.
     """
 
     telescope: Telescope
@@ -70,7 +73,12 @@ class Plan:
     computations: tuple[Computation, ...]
     resources: Resources
     effects: tuple[Effect, ...]
-    warnings: tuple[str, ...]
+    validity: tuple[Criterion, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Where the scene leaves what the model means, one line each."""
+        return tuple(criterion.warning for criterion in self.validity if not criterion.ok)
 
     def report(self) -> dict[str, object]:
         """The plan in plain numbers, as JSON holds them: mm, bytes, fractions of all light."""
@@ -86,6 +94,7 @@ class Plan:
             "memory_bytes": self.resources.memory,
             "output_bytes": self.resources.output,
             "effects": [effect.report() for effect in self.effects],
+            "validity": [criterion.report() for criterion in self.validity],
             "warnings": list(self.warnings),
         }
 
@@ -104,11 +113,12 @@ def plan_scene(
     jobs: int | None = 1,
     max_memory: float = math.inf,
     everything: bool = False,
+    prescription: Prescription | None = None,
 ) -> Plan:
     """The plan of a scene; ``half_widths`` [mm] None: the default boxes, within the horizon.
 
     ``jobs`` None: as many as pay; ``max_memory`` [byte] may take some of them. ``everything``: nothing is skipped or
-    shared but what no product asked for holds, to see what skipping changes.
+    shared but what no product asked for holds, to see what skipping changes. ``prescription``: for the validity alone.
     """
     boxes = default_half_widths(detector.pixel, detector.pixels) if half_widths is None else np.sort(half_widths)
     boxes = boxes if with_boxes else boxes[:0]
@@ -175,7 +185,7 @@ def plan_scene(
             *image_effects(computations, _field_names(telescope, fields), _wavelength_names(wavelengths)),
             *grid_effects(detector, with_cube=with_cube, boxes=int(boxes.size), distance=reach),
         ),
-        warnings=tuple(_remarks(telescope, surfaces, reach)),
+        validity=validity(telescope, surfaces, wavelengths, fields, detector, reach, prescription),
     )
 
 
@@ -220,16 +230,4 @@ def _field_names(telescope: Telescope, fields: Sequence[Field]) -> list[str]:
         f"{scale * field.radius:.6g} {unit}"
         + (f" at azimuth {math.degrees(field.azimuth):.6g} deg" if field.azimuth != up else "")
         for field in fields
-    ]
-
-
-def _remarks(telescope: Telescope, surfaces: Sequence[Surface], reach: float) -> list[str]:
-    """Where the scene leaves what the model means."""
-    rough = [telescope.magnified_distance(surface.marginal_height) for surface in surfaces if surface.psd]
-    limit = 0.3 * min(rough, default=math.inf)
-    if reach <= limit:
-        return []
-    return [
-        f"beyond {limit:.4g} mm from the image point (boxes or pixels reach {reach:.4g} mm) light was scattered by "
-        "more than 17 degrees, outside the small angles of Eq. 36"
     ]

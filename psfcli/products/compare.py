@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from psfcli.products.differences import Difference, ensquared_difference
-from psfcli.products.tables import EE_COLUMNS
+from psfcli.products.tables import EE_COLUMNS, read_csv
 from psfcli.products.target import EE_TABLE, FITS, MANIFEST
 from psfcli.tolerance import Tolerance
 
@@ -48,8 +48,8 @@ def compare(a: Path, b: Path, tolerance: Tolerance | None = None) -> Comparison:
     - ensquared energies: ``ee``; power in and outside the frame: ``pixel`` P + ``ee``;
     - lengths in FIELDS: 1e-9 P and a picometre; all other numbers: 1e-9 P.
 
-    Text must be equal. Versions, title, system file, asked and estimated accuracies are not compared. Raises
-    ComparisonError.
+    Text must be equal. Versions, title, system file, asked and estimated accuracies and the validity of the model are
+    not compared. Raises ComparisonError.
     """
     pairs = _pairs(a, b)
     if tolerance is None:
@@ -83,7 +83,7 @@ def _pairs(a: Path, b: Path) -> list[tuple[Path, Path]]:
 
 def _differences(a: Path, b: Path, tolerance: Tolerance) -> list[Difference]:
     if a.suffix == ".csv":
-        return _table_differences(_read_table(a), _read_table(b), tolerance)
+        return _table_differences(read_csv(a), read_csv(b), tolerance)
     from psfcli.products.compare_fits import fits_differences  # loads astropy.io.fits, which tables do without
 
     return fits_differences(a, b, tolerance)
@@ -110,16 +110,6 @@ def _asked_in_fits(path: Path) -> Tolerance:
     from psfcli.products.compare_fits import asked_accuracy
 
     return asked_accuracy(path)
-
-
-def _read_table(path: Path) -> NDArray[np.float64]:
-    """An ensquared-energy table as [row, column]."""
-    with path.open(newline="", encoding="utf-8") as stream:
-        rows = csv.reader(stream)
-        header = next(rows, [])
-        if tuple(header) != EE_COLUMNS:
-            raise ValueError(f"{path.name} starts {','.join(header)[:40]!r}, not {','.join(EE_COLUMNS)[:40]!r}")
-        return np.array([[float(value) for value in row] for row in rows]).reshape(-1, len(EE_COLUMNS))
 
 
 def _table_differences(a: NDArray[np.float64], b: NDArray[np.float64], tolerance: Tolerance) -> list[Difference]:

@@ -24,7 +24,7 @@ PICOMETRE = 1e-6
 
 _VALUES_AT_A_TIME = 1 << 21
 _NOT_COMPARED = {"TITLE", "LONGSTRN", "CREATOR", "CONFSHA", "CHECKSUM", "DATASUM", "COMMENT", "HISTORY", ""}
-_NOT_COMPARED_STARTS = ("VER", "ACC", "ERR")
+_NOT_COMPARED_STARTS = ("VER", "ACC", "ERR", "VALID", "WARN")
 
 
 def asked_accuracy(path: Path) -> Tolerance:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from astropy.io import fits
@@ -36,7 +37,8 @@ def primary_header(header: RunHeader) -> fits.Header:
             ("TITLE", ascii_line(header.title)),
         ]
     )
-    for card in (*_telescope_cards(header), *_grid_cards(header), *_accuracy_cards(header.tolerance)):
+    told = (_telescope_cards(header), _grid_cards(header), _accuracy_cards(header.tolerance), _validity_cards(header))
+    for card in chain(*told):
         cards.append(card)
     cards.append(("CREATOR", _creator(), ""))
     for name, key in _VERSION_CARDS.items():
@@ -124,6 +126,12 @@ def _grid_cards(header: RunHeader) -> Iterator[Card]:
 def _accuracy_cards(asked: Tolerance) -> Iterator[Card]:
     yield "ACCPIX", asked.pixel, "asked relative error of a pixel"
     yield "ACCEE", asked.ee, "asked error of an ensquared energy"
+
+
+def _validity_cards(header: RunHeader) -> Iterator[Card]:
+    yield "VALID", not header.warnings, "all criteria of the model's validity are met"
+    for number, warning in enumerate(header.warnings, start=1):
+        yield f"WARN{number}", ascii_line(warning), ""
 
 
 def _creator() -> str:

@@ -29,7 +29,7 @@ class RunHeader:
     is the product of the reflectances; ``surfaces`` holds one row per wavelength and surface; ``tolerance`` is
     what was asked; ``config`` is the effective system file; ``command`` the command line; ``input_name`` and
     ``input_sha256`` name the system file as the user gave it; ``plan`` is for the manifest alone and must be
-    what JSON holds.
+    what JSON holds; ``warnings`` say where the model itself may mislead, one line each.
     """
 
     title: str
@@ -46,6 +46,7 @@ class RunHeader:
     input_name: str
     input_sha256: str
     plan: Mapping[str, object]
+    warnings: tuple[str, ...] = ()
 
     @property
     def config_sha256(self) -> str:

@@ -1,4 +1,4 @@
-"""The files of a report: its pictures and, once they stand, its table."""
+"""The files of a report: its pictures and, once they stand, its table; and a picture that stands alone."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-from psfcli.products.atomic import Stage, output_errors
+from psfcli.products.atomic import OutputError, Stage, output_errors
 from psfcli.products.target import check_target, products_in
 
 Draw = Callable[[BinaryIO], None]
+NO_PICTURE = "no picture: matplotlib is missing; install it, or psfcli with its extra 'plot'"
 
 
 @contextmanager
@@ -44,12 +46,25 @@ def write_report(stage: Stage, stem: str, table: str, pictures: Mapping[str, Dra
         stage.commit(
             last, table.encode(), [old for old in products_in(stage.directory, _names(stem)) if old not in names]
         )
-    note = (
-        "no picture: matplotlib is missing; install it, or psfcli with its extra 'plot'"
-        if pictures and not drawn
-        else ""
-    )
+    note = NO_PICTURE if pictures and not drawn else ""
     return tuple(stage.directory / name for name in names), note
+
+
+def write_picture(path: Path, draw: Draw, *, overwrite: bool) -> None:
+    """Put one picture in place, whole or not at all. Raises OutputError, also without matplotlib."""
+    if not find_spec("matplotlib"):
+        raise OutputError(NO_PICTURE)
+    if path.is_dir():
+        raise OutputError(f"{path}: is a directory where a picture must go; choose another --output")
+    if path.exists() and not overwrite:
+        raise OutputError(f"{path}: exists already; --overwrite replaces it")
+    with output_errors(path.parent):
+        stage = Stage(path.parent)
+        try:
+            draw(drawn := BytesIO())
+            stage.commit(path.name, drawn.getvalue())
+        finally:
+            stage.close()
 
 
 def _names(stem: str) -> re.Pattern[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from psfcli.products.units import DEG, NM, UM, converted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+    from pathlib import Path
     from typing import BinaryIO
 
     from numpy.typing import NDArray
@@ -48,6 +50,16 @@ def write_csv(stream: BinaryIO, blocks: Iterable[NDArray[np.float64]]) -> None:
     stream.write(",".join(EE_COLUMNS).encode() + b"\n")
     for block in blocks:
         stream.write("".join(_lines(block)).encode())
+
+
+def read_csv(path: Path) -> NDArray[np.float64]:
+    """The table of an ee.csv as [row, column]; raises OSError, csv.Error, or ValueError where it is another one."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        rows = csv.reader(stream)
+        header = next(rows, [])
+        if tuple(header) != EE_COLUMNS:
+            raise ValueError(f"{path.name} starts {','.join(header)[:40]!r}, not {','.join(EE_COLUMNS)[:40]!r}")
+        return np.array([[float(value) for value in row] for row in rows]).reshape(-1, len(EE_COLUMNS))
 
 
 def _lines(block: NDArray[np.float64]) -> Iterator[str]:

@@ -51,3 +51,25 @@ def transverse_aberration_along_azimuths(
         for u, h in ((cos, Hx), (sin, Hy))
     )
     return -x / image_slope, -y / image_slope
+
+
+def aberration_gradient(
+    seidel: SeidelTable, relative_field: tuple[float, float], pupil_x: Real, pupil_y: Real, image_slope: float
+) -> Real:
+    """How the transverse ray error changes with the normalised field, d eps_a/d H_b [mm], shape (2, 2, *pupil_x.shape).
+
+    Of Eq. 4 at points of the unit pupil: eps_a = -(1/u') dW/d rho_a, so that -u' d eps_a/d H_b =
+    4 W220 rho_a H_b + 2 W131 rho_a rho_b + (W131 p + W311 H^2 + 2 W222 c) delta_ab + 2 W311 H_a H_b + 2 W222 H_a rho_b.
+    """
+    H, rho = np.asarray(relative_field), np.stack([pupil_x, pupil_y])
+    along = np.tensordot(H, rho, 1)  # c = H . rho
+    fields = H.reshape(2, *[1] * pupil_x.ndim)
+    same = seidel.W131 * (rho**2).sum(axis=0) + seidel.W311 * (H @ H) + 2.0 * seidel.W222 * along
+    slope = (
+        4.0 * seidel.W220 * rho[:, None] * fields[None]
+        + 2.0 * seidel.W131 * rho[:, None] * rho[None]
+        + 2.0 * seidel.W311 * fields[:, None] * fields[None]
+        + 2.0 * seidel.W222 * fields[:, None] * rho[None]
+        + np.eye(2).reshape(2, 2, *[1] * pupil_x.ndim) * same
+    )
+    return -slope / image_slope
