@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -89,11 +89,12 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Variants:
-    """A mapping whose section is chosen by the word under the key ``by``."""
+    """A mapping whose section is chosen by the word under the key ``by``, or by a key that is a sign of it alone."""
 
     by: str
     default: str
     sections: dict[str, Section]
+    signs: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

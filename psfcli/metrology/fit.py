@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.metrology.measurement import Measurement
+from psfcli.metrology.measurement import GAIN_ERROR, Measurement
 from psfcli.metrology.noise import LEAST_SCATTER, averages, log_bias, points_per_independent
 from psfcli.metrology.problem import Problem
 from psfcli.metrology.resolution import FitError, check_resolved
@@ -18,8 +18,6 @@ from psfcli.surface.psd import KCorrelation
 
 Real = NDArray[np.float64]
 
-GAIN_ERROR = 0.2
-"""The standard error of an instrument's gain in ln S unless another is given: of height a tenth."""
 _ROUNDS = 100
 _NEARLY, _SETTLED = 1e-2, 1e-7  # change of ln scatter from round to round
 

@@ -7,6 +7,10 @@ from dataclasses import dataclass
 ONE_SIDED, TWO_SIDED, TWO_DIMENSIONAL = KINDS = ("1d one-sided", "1d two-sided", "2d")
 """A one-sided 1-D spectrum has its variance above f = 0, a two-sided one half of it; a 2-D one holds in the plane."""
 
+GAIN_ERROR = 0.2
+"""The standard error of an instrument's gain, as of ln S, unless another is given: a tenth of heights."""
+MOST_TERMS = 4
+
 
 @dataclass(frozen=True, slots=True)
 class Measurement:

@@ -17,6 +17,8 @@ KNEE_ERROR = 0.7
 """Standard error of ln B up to which a knee is resolved: 95 % intervals within a factor of four of B."""
 SLOPE_ERROR = 0.3
 """Relative standard error of C up to which a slope is resolved."""
+AMPLITUDE_ERROR = 1.4
+"""Standard error of ln A up to which an amplitude is resolved: the rms within a factor of four."""
 _ONE_SIDED_95 = 2.706  # chi-square above its least at a limit of 95 %
 
 
@@ -35,7 +37,9 @@ def check_resolved(problem: Problem, parameters: Real, weight: Real, bias: Real)
         at = PER_TERM * j + 1
         ln_B, C = parameters[at], parameters[at + 1]
         knee_error, slope_error = errors[at], errors[at + 1] / C
-        if knee_error < KNEE_ERROR and slope_error < SLOPE_ERROR and SLOPES[0] + 1e-6 < C < SLOPES[1] - 1e-3:
+        open_end = not SLOPES[0] + 1e-6 < C < SLOPES[1] - 1e-3
+        resolved = knee_error < KNEE_ERROR and slope_error < SLOPE_ERROR and errors[at - 1] < AMPLITUDE_ERROR
+        if resolved and not open_end:
             continue
         if problem.terms > 1:
             raise FitError(
@@ -50,17 +54,17 @@ def check_resolved(problem: Problem, parameters: Real, weight: Real, bias: Real)
                 f"no slope in the data: the spectrum is nearly flat up to {high:.3g} cycles/mm; B is below {B:.3g} mm "
                 f"(95 %), C open; add a file that reaches frequencies well above {1.0 / B:.2g} cycles/mm"
             )
-        if C <= SLOPES[0] + 1e-6:
+        if C <= SLOPES[0] + 1e-6 and slope_error < SLOPE_ERROR:
             raise FitError(
-                f"between {low:.3g} and {high:.3g} cycles/mm the spectrum falls no faster than 1/f: C is not above 1, "
-                "and the rms over all spatial frequencies would be infinite"
+                f"up to {high:.3g} cycles/mm the one-dimensional spectrum falls no faster than 1/f: C = {C:.2f} +- "
+                f"{errors[at + 1]:.2f} where it must be above 1, or the rms over all spatial frequencies is infinite"
             )
-        if C >= SLOPES[1] - 1e-3:
+        if open_end and C > SLOPES[0] + 1e-6:
             raise FitError(
                 f"beyond its knee the spectrum falls faster than a K-correlation of C = {SLOPES[1]:g}, as a Gaussian; "
                 "files that reach higher frequencies would show its slope"
             )
-        if 2.0 * ln_B > -math.log(low * high):
+        if not open_end and 2.0 * ln_B > -math.log(low * high):
             B = math.exp(_limit(problem, parameters, weight, bias, at, -1.0))
             raise FitError(
                 f"no knee in the data: from {low:.3g} cycles/mm on the spectrum falls as a power of f, and any B above "
