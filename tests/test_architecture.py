@@ -19,6 +19,7 @@ ORDER = (
     "prediction",
     "recipe",
     "config",
+    "metrology",
     "products",
     "planning",
     "image",
@@ -31,11 +32,12 @@ ORDER = (
 # What each part may import of the others, for type checkers too: nobody needs the name of what they must not know.
 # recipe.py alone joins planning, image and products; products know images, not how they were asked for or planned.
 MAY_IMPORT = {
-    "cli": {"tradeoff", "prediction", "recipe", "config", "products", "planning", "tolerance"},
+    "cli": {"tradeoff", "prediction", "recipe", "config", "metrology", "products", "planning", "tolerance"},
     "tradeoff": {"recipe", "config", "products", "planning", "image", "surface", "telescope", "pictures", "tolerance"},
     "prediction": {"recipe", "planning", "image", "tolerance"},
     "recipe": {"config", "products", "planning", "image", "tolerance"},
-    "config": {"image", "surface", "telescope", "tolerance"},
+    "config": {"metrology", "image", "surface", "telescope", "tolerance"},  # a system file may name measured spectra
+    "metrology": {"products", "surface", "pictures"},  # of products, the units on the way out
     "products": {"image", "surface", "telescope", "tolerance"},
     "planning": {"image", "surface", "telescope", "tolerance"},
     "image": {"surface", "telescope", "tolerance"},
@@ -56,9 +58,10 @@ LIBRARIES = {
     "threadpoolctl": {"prediction", "recipe"},
     "matplotlib": {"pictures"},
     "PIL": {"pictures"},
-    "scipy": {"tradeoff", "image", "surface"},
+    "scipy": {"tradeoff", "metrology", "image", "surface"},
     "numpy": {
         "tradeoff",
+        "metrology",
         "products",
         "planning",
         "image",

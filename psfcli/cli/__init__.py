@@ -14,6 +14,7 @@ _COMMANDS = {
     "plan": "Say what a run would compute, how exact, how long; writes nothing.",
     "check": "Validate system files.",
     "tradeoff": "Measure what accuracy costs on a scene, beside FFT and ray counting.",
+    "fit-psd": "Fit K-correlations to measured spectra of a surface.",
     "compare": "Measure the differences between two products.",
     "schema": "Print the JSON Schema of the system file.",
 }
@@ -32,7 +33,7 @@ class _Commands(click.Group):
         del ctx
         if cmd_name not in _COMMANDS:
             return None
-        command: click.Command = importlib.import_module(f"psfcli.cli.{cmd_name}").command
+        command: click.Command = importlib.import_module(f"psfcli.cli.{cmd_name.replace('-', '_')}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

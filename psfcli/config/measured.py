@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from psfcli.config.faults import ConfigError, Faults
+from psfcli.config.faults import ConfigError, Faults, quoted
 from psfcli.config.paths import follow, with_value
 from psfcli.config.spectra import Stated, read_spectra
 from psfcli.config.tree import Broken, Entry, Mapping, Node, Scalar, Sequence, atom
@@ -14,7 +14,7 @@ from psfcli.metrology.coverage import image_band, remark
 from psfcli.metrology.measurement import GAIN_ERROR
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from psfcli.config.faults import Place
     from psfcli.config.model import System
@@ -50,20 +50,28 @@ def with_fits(root: Node, values: Any, directory: Path, faults: Faults) -> tuple
                 bands.setdefault(i, []).extend(one.measurement.band for one in found.instruments)
             whole = ("surfaces", i, "psd")
             listed = follow(root, whole)[0]
-            others = list(listed.items) if isinstance(listed, Sequence) else [listed]
+            others: list[Node] = list(listed.items) if isinstance(listed, Sequence) else [listed]
             others[j : j + 1] = terms
             root = with_value(root, whole, Sequence(listed.place, tuple(others)), listed.place)
     return root, bands
 
 
+def image_bands(system: System) -> dict[int, Band]:
+    """The spatial frequencies [cycles/mm] of each surface, by its index, that light of the detector's window uses.
+
+    From one pixel to the farthest corner, at all wavelengths.
+    """
+    near, far = system.detector.pixel, system.detector.farthest()
+    distances = [system.telescope.magnified_distance(surface.marginal_height) for surface in system.surfaces]
+    return {i: image_band(near, far, system.wavelengths, d) for i, d in enumerate(distances)}
+
+
 def unmeasured(system: System, bands: Bands) -> Iterator[str]:
     """Remarks on surfaces whose image uses spatial frequencies that lie in none of the ``bands`` measured of them."""
-    for i, measured in bands.items():
-        surface = system.surfaces[i]
-        d = system.telescope.magnified_distance(surface.marginal_height)
-        said = remark(measured, image_band(system.detector.pixel, system.detector.farthest(), system.wavelengths, d))
+    for i, used in image_bands(system).items():
+        said = remark(bands[i], used) if i in bands else ""
         if said:
-            yield f"surfaces[{i}] ({surface.name}): {said}"
+            yield f"surfaces[{i}] ({system.surfaces[i].name}): {said}"
 
 
 def psd_terms(found: Fit) -> list[dict[str, str]]:
@@ -74,11 +82,22 @@ def psd_terms(found: Fit) -> list[dict[str, str]]:
     ]
 
 
+def psd_block(found: Fit, files: Iterable[str]) -> str:
+    """The fit as the `psd` of a surface, ready for a system file, and a comment that says where it comes from."""
+    terms = [", ".join(f"{key}: {text}" for key, text in words.items()) for words in psd_terms(found)]
+    says = f"# K-correlation fitted to {', '.join(quoted(file) for file in files)}\n"
+    if len(terms) == 1:
+        return f"{says}psd: {{{terms[0]}}}"
+    return f"{says}psd:\n" + "\n".join(f"  - {{{term}}}" for term in terms)
+
+
 def _fitted(term: dict[str, Any], directory: Path) -> Fit:
     """The fit of a checked term that names files; raises ConfigError."""
     stated = Stated(term.get("kind", ""), term.get("frequency_unit", ""), term.get("psd_unit", ""))
     spectra = read_spectra([directory / name for name in term["files"]], stated)
-    from psfcli.metrology.fit import FitError, fit  # numpy and scipy: for those who have files
+    # numpy and scipy: for those who have files
+    from psfcli.metrology.fit import fit
+    from psfcli.metrology.resolution import FitError
 
     try:
         return fit(spectra, term["terms"], term.get("gain_error", GAIN_ERROR))

@@ -73,8 +73,9 @@ def read_spectra(sources: Sequence[str | Path], otherwise: Stated | None = None)
 def read_spectrum(source: str | Path, otherwise: Stated | None = None) -> Measurement:
     """The spectrum in a file, rising in frequency, in cycles/mm and mm^3 (1-D) or mm^4 (2-D).
 
-    Kind and units stand in the file; ``otherwise`` holds where it does not say. Left out are the row at f = 0 (the mean), of a two-sided spectrum the rows below it (the mirrored half), gaps (nan, or nothing)
-    and rows that repeat another. Raises ConfigError with every fault.
+    Kind and units stand in the file; ``otherwise`` holds where it does not say. Left out are the row
+    at f = 0 (the mean), of a two-sided spectrum the rows below it (the mirrored half), gaps (nan, or nothing) and rows
+    that repeat another. Raises ConfigError with every fault.
     """
     name, text = read(source, "a file of a spectrum")
     if "\0" in text:

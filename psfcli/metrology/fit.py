@@ -41,16 +41,16 @@ class Instrument:
     @property
     def averages(self) -> float:
         """How many averaged periodograms scatter so."""
-        return float(averages(np.float64(self.scatter)))
+        return float(averages(np.asarray(self.scatter)))
 
     @property
     def log_bias(self) -> float:
         """The mean of ln S measured less ln S, that goes with the scatter."""
-        return float(log_bias(np.float64(self.scatter)))
+        return float(log_bias(np.asarray(self.scatter)))
 
     @property
     def log_residuals(self) -> Real:
-        """ln of measured by fitted [n], gain and bias taken off."""
+        """Ln of measured by fitted [n], gain and bias taken off."""
         return np.log(self.measurement.density) - self.log_fit - self.log_gain - self.log_bias
 
 

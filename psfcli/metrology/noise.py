@@ -22,7 +22,7 @@ _NEWTON = 6  # steps; four reach rounding
 
 
 def averages(scatter: Real) -> Real:
-    """m with psi'(m) = ``scatter``^2: how many periodograms of one mode were averaged; not below one half.
+    """M with psi'(m) = ``scatter``^2: how many periodograms of one mode were averaged; not below one half.
 
     Newton's method on 1/psi', which is nearly linear in m; shape of ``scatter``.
     """

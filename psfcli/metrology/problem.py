@@ -58,7 +58,7 @@ class Problem:
         return len(self.measurements) if self.gain_error else 0
 
     def log_model(self, parameters: Real) -> tuple[Real, Real]:
-        """ln S + gain at each point [n], and its derivatives [n, parameter]."""
+        """Ln S + gain at each point [n], and its derivatives [n, parameter]."""
         shape = PER_TERM * self.terms
         value, slopes = log_density(self.frequency, self.kind, parameters[:shape].reshape(-1, PER_TERM))
         if not self.gains:
@@ -77,7 +77,7 @@ class Problem:
         return np.concatenate([rows, parameters[parameters.size - self.gains :] / (self.gain_error or 1.0)])
 
     def covariance(self, parameters: Real, scatter: Real) -> Real:
-        """The inverse of J^T J [parameter, parameter], taken of columns of equal length; infinite where it is singular."""
+        """The inverse of J^T J [parameter, parameter], columns of J scaled to length 1; infinite where singular."""
         J = self.jacobian(parameters, scatter)
         length = np.linalg.norm(J, axis=0)
         if not np.all(length > 0.0):

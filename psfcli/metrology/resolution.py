@@ -54,12 +54,12 @@ def check_resolved(problem: Problem, parameters: Real, weight: Real, bias: Real)
                 f"no slope in the data: the spectrum is nearly flat up to {high:.3g} cycles/mm; B is below {B:.3g} mm "
                 f"(95 %), C open; add a file that reaches frequencies well above {1.0 / B:.2g} cycles/mm"
             )
-        if C <= SLOPES[0] + 1e-6 and slope_error < SLOPE_ERROR:
+        if SLOPES[0] + 1e-6 >= C and slope_error < SLOPE_ERROR:
             raise FitError(
                 f"up to {high:.3g} cycles/mm the one-dimensional spectrum falls no faster than 1/f: C = {C:.2f} +- "
                 f"{errors[at + 1]:.2f} where it must be above 1, or the rms over all spatial frequencies is infinite"
             )
-        if open_end and C > SLOPES[0] + 1e-6:
+        if open_end and SLOPES[0] + 1e-6 < C:
             raise FitError(
                 f"beyond its knee the spectrum falls faster than a K-correlation of C = {SLOPES[1]:g}, as a Gaussian; "
                 "files that reach higher frequencies would show its slope"

@@ -21,7 +21,7 @@ PER_TERM = 3
 
 
 def log_density(frequency: Real, kind: NDArray[np.intp], terms: Real) -> tuple[Real, Real]:
-    """ln S at each ``frequency`` [cycles/mm], and its derivatives by the parameters.
+    """Ln S at each ``frequency`` [cycles/mm], and its derivatives by the parameters.
 
     One-sided S1 = sum_j A_j/[1 + (B_j f)^2]^(C_j/2), two-sided S1/2, in two dimensions S2 = sum_j K_j A_j B_j/[1 +
     (B_j f)^2]^((C_j+1)/2) with K = Gamma((C+1)/2)/(2 sqrt(pi) Gamma(C/2)). ``kind`` [n] counts in KINDS, ``terms`` is
