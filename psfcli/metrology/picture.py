@@ -15,6 +15,7 @@ from psfcli.products.units import NM
 
 _MARKS = "osD^v<>ph*"
 _POINTS = 400
+_RATIOS = 0.1, 0.3, 1.0, 3.0, 10.0
 _AXIS = {
     ONE_SIDED: "one-sided 1-D PSD  [nm² mm]",
     TWO_DIMENSIONAL: "2-D PSD  [nm² mm²]",
@@ -53,7 +54,9 @@ def draw(stream: BinaryIO, fit: Fit, image_bands: Sequence[tuple[float, float]] 
         if image_bands:
             upper.plot([], [], color="0.5", alpha=0.3, lw=6, label="used by the image")
         upper.set(xscale="log", yscale="log", ylabel=_AXIS[kind])
-        lower.set(yscale="log", xlabel="spatial frequency  [cycles/mm]", ylabel="measured / fitted")
+        lower.set(yscale="log", yticks=_RATIOS, yticklabels=[f"{ratio:g}" for ratio in _RATIOS])
+        lower.minorticks_off()
+        lower.set(xlabel="spatial frequency  [cycles/mm]", ylabel="measured / fitted")
         lower.set_xlim(grid[0], grid[-1])
         upper.legend(loc="lower left", fontsize=8)
 
