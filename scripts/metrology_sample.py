@@ -16,9 +16,9 @@ from psfcli.metrology.measurement import KINDS
 from psfcli.metrology.spectrum import log_density
 
 DIRECTORY = Path(__file__).resolve().parent.parent / "configs" / "metrology"
-LN_A, B, C = np.log(2.345e-13), 1.0, 1.8  # sigma 0.682 nm
+LN_A, B, C = np.log(2.5285e-13), 1.0, 1.8  # sigma 0.682 nm
 GAIN = 0.1
-INSTRUMENTS = (  # name, kind, unit of frequency and of psd, one of them in the units used inside, band, points, averages
+INSTRUMENTS = (  # name, kind, units of frequency and psd, one of them inside in these, band, points, averages
     ("interferometer", "2d", "1/mm", "nm2 mm2", (1.0, 1e12), (0.02, 2.0), 60, 6.0),
     ("microscope_2x5", "1d one-sided", "1/mm", "nm2 mm", (1.0, 1e12), (0.5, 50.0), 60, 8.0),
     ("microscope_50x", "1d two-sided", "1/um", "nm3", (1e-3, 1e18), (8.0, 800.0), 60, 5.0),

@@ -44,5 +44,5 @@ def remark(measured: Iterable[Band], band: Band) -> str:
     listed = " and ".join(f"{low:.4g}..{high:.4g}" for low, high in missing)
     return (
         f"the detector, from one pixel to its farthest corner, uses {band[0]:.4g}..{band[1]:.4g} cycles/mm; nobody "
-        f"measured {listed} cycles/mm ({100.0 * unknown:.2g} % of the band in log f), where the fit extrapolates"
+        f"measured {listed} cycles/mm ({100.0 * unknown:.0f} % of the band in log f), where the fit extrapolates"
     )
