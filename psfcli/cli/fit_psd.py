@@ -92,7 +92,7 @@ def command(
         at = asked or (system.wavelengths if system else ())
         for line in (*report.lines(found, at), *(f"warning: {remark}" for remark in remarks), *filter(None, [note])):
             click.echo(line, err=True)
-    click.echo(psd_block(found, [str(file) for file in files]))
+    click.echo(psd_block(found))
     for path in paths:
         click.echo(f"# {path}")
 

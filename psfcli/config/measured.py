@@ -14,7 +14,7 @@ from psfcli.metrology.coverage import image_band, remark
 from psfcli.metrology.measurement import GAIN_ERROR
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from psfcli.config.faults import Place
     from psfcli.config.model import System
@@ -82,10 +82,10 @@ def psd_terms(found: Fit) -> list[dict[str, str]]:
     ]
 
 
-def psd_block(found: Fit, files: Iterable[str]) -> str:
+def psd_block(found: Fit) -> str:
     """The fit as the `psd` of a surface, ready for a system file, and a comment that says where it comes from."""
     terms = [", ".join(f"{key}: {text}" for key, text in words.items()) for words in psd_terms(found)]
-    says = f"# K-correlation fitted to {', '.join(quoted(file) for file in files)}\n"
+    says = f"# K-correlation fitted to {', '.join(quoted(one.measurement.name) for one in found.instruments)}\n"
     if len(terms) == 1:
         return f"{says}psd: {{{terms[0]}}}"
     return f"{says}psd:\n" + "\n".join(f"  - {{{term}}}" for term in terms)
