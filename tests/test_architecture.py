@@ -19,6 +19,7 @@ ORDER = (
     "prediction",
     "recipe",
     "config",
+    "metrology",
     "products",
     "planning",
     "image",
@@ -36,6 +37,7 @@ MAY_IMPORT = {
         "prediction",
         "recipe",
         "config",
+        "metrology",
         "products",
         "planning",
         "telescope",
@@ -45,7 +47,8 @@ MAY_IMPORT = {
     "tradeoff": {"recipe", "config", "products", "planning", "image", "surface", "telescope", "pictures", "tolerance"},
     "prediction": {"recipe", "planning", "image", "tolerance"},
     "recipe": {"config", "products", "planning", "image", "tolerance"},
-    "config": {"image", "surface", "telescope", "tolerance"},
+    "config": {"metrology", "image", "surface", "telescope", "tolerance"},  # a system file may name measured spectra
+    "metrology": {"products", "surface", "pictures"},  # of products, the units on the way out
     "products": {"image", "surface", "telescope", "pictures", "tolerance"},  # products read back are drawn
     "planning": {"image", "surface", "telescope", "tolerance"},
     "image": {"surface", "telescope", "tolerance"},
@@ -66,9 +69,10 @@ LIBRARIES = {
     "threadpoolctl": {"prediction", "recipe"},
     "matplotlib": {"pictures"},
     "PIL": {"pictures"},
-    "scipy": {"tradeoff", "image", "surface"},
+    "scipy": {"tradeoff", "metrology", "image", "surface"},
     "numpy": {
         "tradeoff",
+        "metrology",
         "products",
         "planning",
         "image",

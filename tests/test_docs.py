@@ -60,14 +60,14 @@ def psf(directory: Path, *arguments: str | Path) -> subprocess.CompletedProcess[
 
 
 def test_every_command_is_in_the_table_of_commands():
-    listed = [re.match(r"`psfcli (\w+)", row[0])[1] for row in table("command")]
+    listed = [re.match(r"`psfcli ([\w-]+)", row[0])[1] for row in table("command")]
     assert listed == list(commands())
 
 
 def test_every_option_is_in_the_table_with_the_commands_that_have_it():
     listed: dict[str, set[str]] = {name: set() for name in commands()}
     for cell, names, _ in table("option"):
-        for name in re.findall(r"`(\w+)`", names):
+        for name in re.findall(r"`([\w-]+)`", names):
             listed[name] |= set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", cell))
     assert listed == {name: options(command) for name, command in commands().items()}
 

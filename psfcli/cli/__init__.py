@@ -15,6 +15,7 @@ _COMMANDS = {
     "check": "Validate system files.",
     "seidel": "Print each surface's aberrations and the first-order optics of a telescope.",
     "tradeoff": "Measure what accuracy costs on a scene, beside FFT and ray counting.",
+    "fit-psd": "Fit K-correlations to measured spectra of a surface.",
     "plot": "Draw the products of a run: images and ensquared energy.",
     "compare": "Measure the differences between two products.",
     "schema": "Print the JSON Schema of the system file.",
@@ -34,7 +35,7 @@ class _Commands(click.Group):
         del ctx
         if cmd_name not in _COMMANDS:
             return None
-        command: click.Command = importlib.import_module(f"psfcli.cli.{cmd_name}").command
+        command: click.Command = importlib.import_module(f"psfcli.cli.{cmd_name.replace('-', '_')}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -5,5 +5,6 @@ from psfcli.config.json_schema import schema
 from psfcli.config.loading import load
 from psfcli.config.model import System
 from psfcli.config.reference_text import reference
+from psfcli.config.scalars import wavelengths_in
 
-__all__ = ["ConfigError", "System", "load", "reference", "schema"]
+__all__ = ["ConfigError", "System", "load", "reference", "schema", "wavelengths_in"]

@@ -90,7 +90,7 @@ class _Checker:
 
     def variants(self, kind: Variants, node: Mapping, steps: Steps) -> dict[str, Any]:
         entry = node.entries.get(kind.by)
-        chosen = kind.default
+        chosen = next((name for key, name in kind.signs.items() if key in node.entries), kind.default)
         if entry is not None:
             word = self.value(Word(tuple(kind.sections)), entry.node, (*steps, kind.by))
             if word is None:  # whose keys these are is unknown, so nothing more can be said of them

@@ -88,7 +88,7 @@ def _section(kind: Section) -> dict[str, Any]:
 def _variant(kind: Variants, name: str) -> dict[str, Any]:
     made = _section(kind.sections[name])
     made["properties"][kind.by] = {"const": name}
-    if name != kind.default:
+    if name != kind.default and name not in kind.signs.values():
         made["required"].append(kind.by)
     return made
 

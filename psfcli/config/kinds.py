@@ -101,11 +101,12 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Variants:
-    """A mapping whose section is chosen by the word under the key ``by``."""
+    """A mapping whose section is chosen by the word under the key ``by``, or by a key that is a sign of it alone."""
 
     by: str
     default: str
     sections: dict[str, Section]
+    signs: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

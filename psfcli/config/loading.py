@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from psfcli.config.build import build
@@ -10,6 +11,7 @@ from psfcli.config.check import check
 from psfcli.config.faults import Faults, Place
 from psfcli.config.finding import Finding
 from psfcli.config.growing import grow
+from psfcli.config.measured import unmeasured, with_fits
 from psfcli.config.options import with_options
 from psfcli.config.paths import follow
 from psfcli.config.prescription_rules import an_image_is_made
@@ -22,7 +24,6 @@ from psfcli.tolerance import Tolerance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from psfcli.config.model import System
 
@@ -65,6 +66,9 @@ def load(
     else:
         tree = root
     values = check(tree, SYSTEM, faults)
+    tree, bands = with_fits(tree, values, Path() if str(source) == "-" else Path(source).parent, faults)
+    if bands:
+        values = check(tree, SYSTEM, faults)
     for rule in RULES if values is not None else ():
         for finding in rule(values):
             _tell(finding, tree, faults)
@@ -73,7 +77,8 @@ def load(
         for finding in an_image_is_made(values):  # any fault may be the reason why there is none
             _tell(finding, tree, faults)
     faults.raise_if_any()
-    return build(values, text if tree is root else written(tree), tuple(warnings(values)))
+    system = build(values, text if tree is root else written(tree), tuple(warnings(values)))
+    return replace(system, warnings=(*system.warnings, *unmeasured(system, bands))) if bands else system
 
 
 def _tell(finding: Finding, tree: Node, faults: Faults) -> None:

@@ -1,4 +1,4 @@
-"""The text of a system file, from a path or from standard input."""
+"""The text of a system file, or of a file it names, from a path or from standard input."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ LARGEST = 2**21
 """Bytes: ten thousand fields, each with its azimuth, take less than half of this."""
 
 
-def read(source: str | Path) -> tuple[str, str]:
-    """The name used in messages and the text of a system file; ``-`` is standard input.
+def read(source: str | Path, wanted: str = "a system file") -> tuple[str, str]:
+    """The name used in messages and the text of a file; ``-`` is standard input, ``wanted`` what it should be.
 
     Raises ConfigError when there is no such file, or it cannot be read, or is not UTF-8 text.
     """
@@ -26,11 +26,11 @@ def read(source: str | Path) -> tuple[str, str]:
     except FileNotFoundError:
         raise ConfigError([f"{name}: no such file"]) from None
     except IsADirectoryError:
-        raise ConfigError([f"{name}: is a directory; a system file is wanted"]) from None
+        raise ConfigError([f"{name}: is a directory; {wanted} is wanted"]) from None
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
         raise ConfigError([f"{name}: cannot be read: {getattr(error, 'strerror', None) or error}"]) from None
     if len(data) > LARGEST:
-        raise ConfigError([f"{name}: larger than {LARGEST // 2**20} MiB; a system file is wanted"])
+        raise ConfigError([f"{name}: larger than {LARGEST // 2**20} MiB; {wanted} is wanted"])
     try:
         return name, data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

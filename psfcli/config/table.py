@@ -17,6 +17,7 @@ from psfcli.config.kinds import (
 )
 from psfcli.config.prescription_table import INDEX, PRESCRIPTION
 from psfcli.config.units import ANGLE, FREQUENCY, LENGTH, LENGTH4, SHIFT, VOLUME
+from psfcli.metrology.measurement import GAIN_ERROR, KINDS, MOST_TERMS
 from psfcli.tolerance import PRESETS
 
 WAVELENGTH = Quantity(LENGTH, "0.1 nm", "1 mm", "nm")
@@ -75,7 +76,8 @@ PRESCRIBED_TELESCOPE = Section(
 
 _B = Key(Quantity(LENGTH, "1 nm", "1 km", "mm"), "The length of the knee: it lies at the frequency 1/B.", required=True)
 _C = Key(Number(1, 1000, beyond=True), "Slope of the one-dimensional spectrum.", required=True)
-_CONVENTION = Key(Word(("harvey", "scatmech", "zemax")), "Whose parameters the term is given in.", default="harvey")
+_CONVENTIONS = Word(("harvey", "scatmech", "zemax", "measured"))
+_CONVENTION = Key(_CONVENTIONS, "Whose parameters the term is given in.", default="harvey")
 _STEEPER = Number(2, 1001, beyond=True)
 
 PSD = Variants(
@@ -116,7 +118,25 @@ PSD = Variants(
             },
             name="psd, convention zemax",
         ),
+        "measured": Section(
+            {
+                "convention": Key(_CONVENTIONS, "Said by files alone.", default="measured"),
+                "files": Key(
+                    Listing(Text(), 1, 100), "Measured spectra, from the directory of the system file.", required=True
+                ),
+                "terms": Key(Number(1, MOST_TERMS, whole=True), "K-correlations that are fitted, and add.", default=1),
+                "gain_error": Key(
+                    Number(0, 1),
+                    f"Standard error of an instrument's gain, as of ln S; 0: no gains; default {GAIN_ERROR:g}.",
+                ),
+                "kind": Key(Word(KINDS), "Of files that do not say."),
+                "frequency_unit": Key(Text(), "Of files that do not say, such as 1/mm."),
+                "psd_unit": Key(Text(), "Of files that do not say, such as nm2 mm2."),
+            },
+            name="psd, measured",
+        ),
     },
+    signs={"files": "measured"},
 )
 
 _FINISH = {

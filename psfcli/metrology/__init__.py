@@ -1,0 +1,1 @@
+"""Measured spectra of a polished surface, and the K-correlation that fits them."""
