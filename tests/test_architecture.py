@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent / "psfcli"
 ORDER = (
     "cli",
     "tradeoff",
+    "scattering",
     "prediction",
     "recipe",
     "config",
@@ -31,8 +32,9 @@ ORDER = (
 # What each part may import of the others, for type checkers too: nobody needs the name of what they must not know.
 # recipe.py alone joins planning, image and products; products know images, not how they were asked for or planned.
 MAY_IMPORT = {
-    "cli": {"tradeoff", "prediction", "recipe", "config", "products", "planning", "tolerance"},
+    "cli": {"tradeoff", "scattering", "prediction", "recipe", "config", "products", "planning", "tolerance"},
     "tradeoff": {"recipe", "config", "products", "planning", "image", "surface", "telescope", "pictures", "tolerance"},
+    "scattering": {"surface", "pictures"},  # surfaces alone: no image, no telescope
     "prediction": {"recipe", "planning", "image", "tolerance"},
     "recipe": {"config", "products", "planning", "image", "tolerance"},
     "config": {"image", "surface", "telescope", "tolerance"},
@@ -59,6 +61,7 @@ LIBRARIES = {
     "scipy": {"tradeoff", "image", "surface"},
     "numpy": {
         "tradeoff",
+        "scattering",
         "products",
         "planning",
         "image",

@@ -34,7 +34,7 @@ def bsdf(beta: Real, surface: Surface, wavelength: float) -> Real:
         return np.zeros_like(frequency)
     terms = scatter_terms(surface, phase_per_height(surface, wavelength))
     variance, step = variances(float(frequency.max(initial=0.0)), terms, g)
-    return resolved(frequency, variance, step, terms, g, surface.name).density(frequency) / wavelength**2
+    return resolved(frequency, variance, step, terms, g).density(frequency) / wavelength**2
 
 
 def scatter_terms(surface: Surface, K: float) -> list[ScatterTerm]:
@@ -56,21 +56,19 @@ def variances(highest: float, terms: Sequence[ScatterTerm], g: float) -> tuple[R
     return np.exp(np.arange(math.log(low), log_high, step)), step
 
 
-def resolved(
-    frequency: Real, variance: Real, step: float, terms: Sequence[ScatterTerm], g: float, name: str
-) -> GaussianMixture:
+def resolved(frequency: Real, variance: Real, step: float, terms: Sequence[ScatterTerm], g: float) -> GaussianMixture:
     """F as a mixture, which calculations by different steps give alike at each ``frequency``; MixtureError if not.
 
-    F [mm^2] is the two-dimensional transform of H - exp(-g); ``name`` is the surface's.
+    F [mm^2] is the two-dimensional transform of H - exp(-g).
     """
     (coarse, _), (fine, joint) = (mixing_density(variance, terms, g, error) for error in _RAY_ERRORS)
     mixture = GaussianMixture(step * fine, variance)
     expected = mixture.density(frequency)
     apart = np.abs(GaussianMixture(step * coarse, variance).density(frequency) - expected)
     if joint > _PROMISE or np.any(apart > _PROMISE * expected):
+        steepest = 1.0 + 2.0 * max(term.nu for term in terms)
         raise MixtureError(
-            f"the scatter of {name} in some of these directions is not resolved: C = "
-            f"{1.0 + 2.0 * max(term.nu for term in terms):.6g} with a phase variance of {g:.4g} is too steep and rough "
-            "together"
+            f"the scatter in some of these directions is not resolved: C = {steepest:.6g} "
+            f"with a phase variance of {g:.4g} is too steep and rough together"
         )
     return mixture

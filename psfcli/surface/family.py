@@ -84,14 +84,13 @@ def transform_family(surface: Surface, wavelength: float, K: tuple[float, float]
     for nodes in _NODES:
         squares = mean + half * chebyshev.chebpts1(nodes)
         mixtures = [
-            resolved(probes, variance, step, scatter_terms(surface, math.sqrt(x)), x * sigma_rel**2, surface.name)
-            for x in squares
+            resolved(probes, variance, step, scatter_terms(surface, math.sqrt(x)), x * sigma_rel**2) for x in squares
         ]
         weight = np.stack([mixture.weight for mixture in mixtures], axis=1)
         family = TransformFamily(mean, half, weight, variance, sigma_rel)
         if family.error(probes) < _ERROR:
             return family
     raise MixtureError(
-        f"the scatter of {surface.name} changes too fast with the scattering angle to be interpolated: its phase "
-        f"variance reaches {high * sigma_rel**2:.4g}"
+        "the scatter changes too fast with the scattering angle to be interpolated: its phase variance reaches "
+        f"{high * sigma_rel**2:.4g}"
     )

@@ -46,8 +46,7 @@ class Incidence:
         if self.specular_cosine >= self.surface.index_after:
             critical = math.degrees(math.asin(self.surface.index_after / self.surface.index_before))
             raise IncidenceError(
-                f"at {math.degrees(self.angle):.6g} deg all light is reflected inside {self.surface.name}; allowed: "
-                f"below {critical:.6g} deg"
+                f"at {math.degrees(self.angle):.6g} deg all light is reflected; allowed: below {critical:.6g} deg"
             )
 
     @property
