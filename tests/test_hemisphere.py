@@ -166,7 +166,7 @@ def test_smooth_surfaces_scatter_their_spectrum_with_the_obliquity_of_the_scalar
         np.testing.assert_allclose(found.bsdf(theta_s, phi_s), relation * rayleigh_rice, rtol=1e-9)
 
 
-def test_the_two_obliquities_agree_on_the_cone_of_the_specular_direction_and_to_second_order_about_it():
+def test_the_two_obliquities_agree_on_the_cone_of_the_specular_direction_and_to_first_order_about_it():
     for degrees in (0.0, 35.0, 70.0):
         cos_i = math.cos(math.radians(degrees))
         assert ratio_to_rayleigh_rice(cos_i, cos_i) == 1.0
@@ -287,6 +287,12 @@ def test_the_paper_s_mirrors_are_shift_invariant_at_small_angles_as_told(done):
             ]
             assert max(mine) == pytest.approx(told, rel=0.05)
     assert -0.003 < float(line.split()[-5]) < -0.002
+
+
+def test_the_readme_shows_what_is_printed(done):
+    readme = (HERE.parent / "README.md").read_text(encoding="utf-8")
+    printed = done[0].stdout.split("\n\n")[1]
+    assert f"```text\n{printed}\n```" in readme
 
 
 def test_the_rows_are_profiles_of_each_surface(done):

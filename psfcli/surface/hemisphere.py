@@ -47,7 +47,8 @@ class HemisphereScatter:
         """BSDF [1/sr] without the specular beam, ``theta_s`` [rad] from the normal, in the half plane ``phi_s`` [rad].
 
         theta_s lies between -pi/2 and pi/2, and phi_s = 0 contains the specular direction; arrays of any shapes that
-        go together, whose shape comes back. Relative error 1e-8, and positive, however faint.
+        go together, whose shape comes back. Relative error 1e-8, however faint; positive
+        wherever K is not 0.
         """
         theta_s, phi_s = np.asarray(theta_s, np.float64), np.asarray(phi_s, np.float64)
         n, theta_0 = self.incidence.surface.index_after, self.incidence.specular_angle
