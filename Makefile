@@ -100,7 +100,7 @@ $(INSTALLED_ALL): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) sweep build dist *.egg-info *_psf *_psf.png *_tradeoff .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) sweep build dist *.egg-info *_psf *_psf.png *_tradeoff *_bsdf *_fit .mypy_cache .pytest_cache .ruff_cache
 	find psfcli scripts tests -name __pycache__ -prune -exec rm -rf {} +
 
 always:

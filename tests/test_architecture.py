@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent / "psfcli"
 ORDER = (
     "cli",
     "tradeoff",
+    "scattering",
     "prediction",
     "recipe",
     "config",
@@ -34,6 +35,7 @@ ORDER = (
 MAY_IMPORT = {
     "cli": {
         "tradeoff",
+        "scattering",
         "prediction",
         "recipe",
         "config",
@@ -45,6 +47,7 @@ MAY_IMPORT = {
         "tolerance",
     },
     "tradeoff": {"recipe", "config", "products", "planning", "image", "surface", "telescope", "pictures", "tolerance"},
+    "scattering": {"surface", "pictures"},  # surfaces alone: no image, no telescope
     "prediction": {"recipe", "planning", "image", "tolerance"},
     "recipe": {"config", "products", "planning", "image", "tolerance"},
     "config": {"metrology", "image", "surface", "telescope", "tolerance"},  # a system file may name measured spectra
@@ -73,6 +76,7 @@ LIBRARIES = {
     "numpy": {
         "tradeoff",
         "metrology",
+        "scattering",
         "products",
         "planning",
         "image",

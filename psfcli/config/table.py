@@ -28,6 +28,8 @@ AZIMUTH = Quantity(ANGLE, "-360 deg", "720 deg", "deg")
 FIELD = ByConjugates(Quantity(ANGLE, "-89 deg", "89 deg", "deg"), Quantity(LENGTH, "-1 km", "1 km", "mm"))
 MAX_FIELD = ByConjugates(Quantity(ANGLE, "1e-6 arcsec", "89 deg", "deg"), Quantity(LENGTH, "1 nm", "1 km", "mm"))
 INCIDENCE = Quantity(ANGLE, "0 deg", "10 deg", "deg", why="beyond it the halo is no longer round")
+SCATTER_INCIDENCE = Quantity(ANGLE, "0 deg", "89 deg", "deg")  # options of psfcli bsdf
+SCATTER_PLANE = AZIMUTH
 SPATIAL_FREQUENCY = Quantity(FREQUENCY, "0 1/mm", "1e9 1/mm", "cycles/mm")
 ROUGHNESS = Quantity(LENGTH, "0 nm", "100 mm", "nm")
 HALF_WIDTH = Quantity(LENGTH, "1 pm", "1 km", "um")

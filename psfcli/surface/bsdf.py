@@ -28,32 +28,47 @@ def bsdf(beta: Real, surface: Surface, wavelength: float) -> Real:
     beta << 1: the clip takes a share that grows like beta^(C+1). Raises MixtureError for spectra both steep and rough,
     where two calculations by different steps, or the two rays of the mixture, disagree.
     """
-    K = phase_per_height(surface, wavelength)
-    terms = [ScatterTerm((K * psd.sigma) ** 2, 1.0 / psd.B, (psd.C - 1.0) / 2.0) for psd in surface.psd]
     frequency = np.asarray(beta, dtype=np.float64) / wavelength
     g = phase_variance(surface, wavelength)
     if g == 0.0:
         return np.zeros_like(frequency)
-    highest = float(frequency.max(initial=0.0))
-    (coarse, _), (fine, joint) = (_density(frequency, highest, terms, g, error) for error in _RAY_ERRORS)
-    if joint > _PROMISE or np.any(np.abs(coarse - fine) > _PROMISE * fine):
-        raise MixtureError(
-            f"the scatter of {surface.name} in some of these directions is not resolved: C = "
-            f"{max(psd.C for psd in surface.psd):.6g} with a phase variance of {g:.4g} is too steep and rough together"
-        )
-    return fine / wavelength**2
+    terms = scatter_terms(surface, phase_per_height(surface, wavelength))
+    variance, step = variances(float(frequency.max(initial=0.0)), terms, g)
+    return resolved(frequency, variance, step, terms, g).density(frequency) / wavelength**2
 
 
-def _density(
-    frequency: Real, highest: float, terms: Sequence[ScatterTerm], g: float, ray_error: float
-) -> tuple[Real, float]:
-    """F by Gaussians that reach beyond the ``highest`` frequency, and how far the two rays disagree where they join."""
+def scatter_terms(surface: Surface, K: float) -> list[ScatterTerm]:
+    """The terms of a surface in spatial frequency: widths in cycles/mm, phase variances at ``K`` [rad/mm]."""
+    return [ScatterTerm((K * psd.sigma) ** 2, 1.0 / psd.B, (psd.C - 1.0) / 2.0) for psd in surface.psd]
+
+
+def variances(highest: float, terms: Sequence[ScatterTerm], g: float) -> tuple[Real, float]:
+    """Variances [1/mm^2] of Gaussians that reach beyond the ``highest`` frequency, and their step in ln v.
+
+    They serve any phase variance up to ``g`` [1].
+    """
     nu = [term.nu for term in terms]
     step = trapezoid_step(_ERROR, max(nu), g)
     low = min(0.5 * term.width**2 / (term.nu + 60.0) for term in terms)
     # the core widens like a stable law, g^(1/nu), or like facets, g, unless the single scatterings outshine it
     log_core = 2.0 * math.log(max(term.width for term in terms)) + min(g, math.log1p(g) / min(1.0, *nu))
     log_high = max(2.0 * math.log(highest), log_core) - math.log(_ERROR) / (1.0 + min(nu))
-    variance = np.exp(np.arange(math.log(low), log_high, step))
-    density, joint = mixing_density(variance, terms, g, ray_error)
-    return GaussianMixture(step * density, variance).density(frequency), joint
+    return np.exp(np.arange(math.log(low), log_high, step)), step
+
+
+def resolved(frequency: Real, variance: Real, step: float, terms: Sequence[ScatterTerm], g: float) -> GaussianMixture:
+    """F as a mixture, which calculations by different steps give alike at each ``frequency``; MixtureError if not.
+
+    F [mm^2] is the two-dimensional transform of H - exp(-g).
+    """
+    (coarse, _), (fine, joint) = (mixing_density(variance, terms, g, error) for error in _RAY_ERRORS)
+    mixture = GaussianMixture(step * fine, variance)
+    expected = mixture.density(frequency)
+    apart = np.abs(GaussianMixture(step * coarse, variance).density(frequency) - expected)
+    if joint > _PROMISE or np.any(apart > _PROMISE * expected):
+        steepest = 1.0 + 2.0 * max(term.nu for term in terms)
+        raise MixtureError(
+            f"the scatter in some of these directions is not resolved: C = {steepest:.6g} "
+            f"with a phase variance of {g:.4g} is too steep and rough together"
+        )
+    return mixture
