@@ -14,6 +14,7 @@ _COMMANDS = {
     "plan": "Say what a run would compute, how exact, how long; writes nothing.",
     "check": "Validate system files.",
     "tradeoff": "Measure what accuracy costs on a scene, beside FFT and ray counting.",
+    "validate": "Hold the convolution against Monte Carlo rays.",
     "compare": "Measure the differences between two products.",
     "schema": "Print the JSON Schema of the system file.",
 }

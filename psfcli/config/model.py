@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from psfcli.image.grid import Detector
     from psfcli.surface.surface import Surface
+    from psfcli.telescope.prescription import Prescription
     from psfcli.telescope.system import Field, Telescope
     from psfcli.tolerance import Tolerance
 
@@ -17,7 +18,8 @@ class System:
     """A checked system file.
 
     ``wavelengths`` and ``half_widths`` in mm (``half_widths`` None: the default boxes); ``text`` is the effective
-    system file, after all options, as YAML; ``warnings`` are remarks for the user, one line each.
+    system file, after all options, as YAML; ``warnings`` are remarks for the user, one line each; ``prescription`` are
+    the surfaces as they are built, where the file tells them.
     """
 
     title: str
@@ -30,3 +32,4 @@ class System:
     tolerance: Tolerance
     text: str
     warnings: tuple[str, ...] = ()
+    prescription: Prescription | None = None
