@@ -35,7 +35,17 @@ ORDER = (
 MAY_IMPORT = {
     "cli": {"validation", "tradeoff", "prediction", "recipe", "config", "products", "planning", "tolerance"},
     # it alone joins the rays with what they judge
-    "validation": {"recipe", "config", "products", "image", "montecarlo", "telescope", "pictures", "tolerance"},
+    "validation": {
+        "recipe",
+        "config",
+        "products",
+        "image",
+        "montecarlo",
+        "surface",
+        "telescope",
+        "pictures",
+        "tolerance",
+    },
     "tradeoff": {"recipe", "config", "products", "planning", "image", "surface", "telescope", "pictures", "tolerance"},
     "prediction": {"recipe", "planning", "image", "tolerance"},
     "recipe": {"config", "products", "planning", "image", "tolerance"},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from psfcli.config import load
 
 if TYPE_CHECKING:
     from psfcli.config import System
-    from psfcli.validation.comparison import Extreme
+    from psfcli.validation.comparison import Comparison, Extreme
 
 _MOST_TABLES = 12  # images whose table is printed; the CSV has all
 
@@ -72,8 +72,11 @@ def command(
     beyond chance with third-order, 2 fault in the usage or the system file, 4 the output exists or cannot be written.
     """
     system = load(config, overrides, fields or None, wavelength=wavelength)
-    if level == "exact" and system.prescription is None:
+    exact = level == "exact"
+    if exact and system.prescription is None:
         raise click.UsageError("--level exact needs the surfaces as they are built: a prescription in the system file")
+    if exact and not system.telescope.object_at_infinity:
+        raise click.UsageError("--level exact needs an object at infinity")
 
     def say(line: str) -> None:
         if not quiet:
@@ -86,15 +89,17 @@ def command(
     from psfcli.products.report import opened, write_report
     from psfcli.validation import levels, picture, table
     from psfcli.validation.comparison import extreme
+    from psfcli.validation.trust import EXACT
 
     directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_validation")
+    kind = levels.Level(level)
     with opened(directory, "validation", overwrite=overwrite) as stage:
-        say(_forecast(system, rays, levels.seconds(system, rays, jobs)))
+        say(_forecast(system, rays, levels.seconds(system, kind, rays, jobs)))
         bar, progress = _progress(rays * len(system.fields) * len(system.wavelengths), quiet=quiet)
         with bar:
-            comparisons = levels.third_order(system, rays, seed=seed, jobs=jobs, progress=progress)
+            comparisons = levels.compare(system, kind, rays, seed=seed, jobs=jobs, progress=progress)
         found = extreme(comparisons)
-        criterion = found.criterion
+        criterion = EXACT if exact else found.criterion
         pictures = picture.pictures(system, comparisons, criterion)
         paths, note = write_report(stage, "validation", table.csv_text(comparisons, system, criterion), pictures)
     for comparison in comparisons[:_MOST_TABLES]:
@@ -102,12 +107,13 @@ def command(
         click.echo(table.text_table(comparison, system, criterion) + "\n")
     if len(comparisons) > _MOST_TABLES:
         click.echo(f"... and {len(comparisons) - _MOST_TABLES} more images, all of them in validation.csv\n")
-    click.echo(_summary(found) + "\n")
+    click.echo("\n".join(_trusted(system, comparisons)) if exact else _summary(found))
+    click.echo()
     if note:
         click.echo(note, err=True)
     for path in paths:
         click.echo(path)
-    if not found.explained:
+    if not (exact or found.explained):
         click.echo("the convolution disagrees with the rays beyond chance", err=True)
         ctx.exit(1)
 
@@ -124,6 +130,21 @@ def _summary(found: Extreme) -> str:
         f"{'agreement' if found.explained else 'DISAGREEMENT'}: of {found.boxes} energies judged, the largest "
         f"deviation is {found.largest:.2f} standard errors; by chance as large in {chance} of all validations"
     )
+
+
+def _trusted(system: System, comparisons: Sequence[Comparison]) -> Iterator[str]:
+    """Where each image can be trusted, and how many rays were lost."""
+    from psfcli.validation.table import name
+    from psfcli.validation.trust import EXACT, trust
+
+    yield f"trusted within {EXACT.deviations:g} standard errors or {EXACT.bound:g} of the light:"
+    for c in comparisons:
+        found = trust(c)
+        where = "nowhere" if found.smallest is None else f"half widths from {1e3 * found.smallest:.4g} um"
+        yield (
+            f"  {name(c, system)}: {where}; largest difference {found.worst:.1e} at {1e3 * found.at:.4g} um; "
+            f"{c.estimate.lost:.2%} of the rays lost at the rims of surfaces"
+        )
 
 
 def _progress(total: int, *, quiet: bool) -> tuple[Any, Callable[[int], None] | None]:

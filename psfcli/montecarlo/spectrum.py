@@ -50,14 +50,15 @@ class Scatterer:
         frequency /= self.B
         return frequency
 
-    def tail(self) -> Real:
-        """The probabilities of more than 0, 1, 2, ... scatterings, decreasing to below 2^-53."""
-        most = math.ceil(self.mean + 12.0 * math.sqrt(self.mean) + 40.0)
-        n = np.arange(most + 1.0)
-        log_factorial = np.concatenate([[0.0], np.cumsum(np.log(n[1:]))])
-        probability = np.exp(n * math.log(self.mean) - self.mean - log_factorial)
-        beyond: Real = np.cumsum(probability[:0:-1])[::-1]
-        return beyond[beyond > 2.0**-53]
+
+def poisson_tail(mean: float) -> Real:
+    """The probabilities of more than 0, 1, 2, ... scatterings of a ``mean`` number, decreasing to below 2^-53."""
+    most = math.ceil(mean + 12.0 * math.sqrt(mean) + 40.0)
+    n = np.arange(most + 1.0)
+    log_factorial = np.concatenate([[0.0], np.cumsum(np.log(n[1:]))])
+    probability = np.exp(n * math.log(mean) - mean - log_factorial)
+    beyond: Real = np.cumsum(probability[:0:-1])[::-1]
+    return beyond[beyond > 2.0**-53]
 
 
 def scatterers(surface: Surface, wavelength: float, cos_incidence: float | None = None) -> list[Scatterer]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from psfcli.montecarlo.pupil import FAN, fans
 from psfcli.montecarlo.sequence import QuasiRandom
-from psfcli.montecarlo.spectrum import Scatterer, directions, repeatedly, scatterers
+from psfcli.montecarlo.spectrum import Scatterer, directions, poisson_tail, repeatedly, scatterers
 from psfcli.surface.surface import Surface
 from psfcli.telescope.aberration import transverse_aberration_along_azimuths
 from psfcli.telescope.system import Field, Telescope
@@ -53,7 +53,11 @@ class ThirdOrderRays:
     def _terms(self) -> list[tuple[Scatterer, float, Real]]:
         """Each term that scatters, lambda d_j [mm^2] of its surface, and how probable n or more scatterings are."""
         return [
-            (scatterer, self.wavelength * self.telescope.magnified_distance(surface.marginal_height), scatterer.tail())
+            (
+                scatterer,
+                self.wavelength * self.telescope.magnified_distance(surface.marginal_height),
+                poisson_tail(scatterer.mean),
+            )
             for surface in self.surfaces
             for scatterer in scatterers(surface, self.wavelength)
         ]

@@ -27,15 +27,15 @@ _RARE = 25.0  # rays expected in the rarer of inside and outside; below, their o
 class Comparison:
     """One image: energies in squares of ``half_width`` [mm], each array of shape [centre, box], centres as CENTRES.
 
-    ``told`` is the error that the convolution estimates of itself; boxes that are not ``judged`` [box] lie too near
-    the horizon of a surface.
+    ``told`` [box] is what the convolution may be off by its own account; boxes that are not ``judged`` [box] lie too
+    near the horizon of a surface.
     """
 
     wavelength: float
     field: Field
     half_width: Real
     convolution: Real
-    told: float
+    told: Real
     estimate: Estimate
     judged: Mask
 
