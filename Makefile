@@ -1,4 +1,4 @@
-# Targets: run (the paper's case), test, lint, golden, golden-update, sweep, bench, figures, extremes, accuracy, clean.
+# Targets: run (the paper's case), test, test-slow, lint, golden, golden-update, sweep, bench, figures, extremes, accuracy, clean.
 # All of them install what they need into $(VENV); nothing but Python 3.11 or later with venv is asked of the machine.
 
 PYTHON ?= python3
@@ -32,7 +32,7 @@ PSFCLI := $(VENV)/bin/psfcli
 SWEEP_NEEDS := $(INSTALLED)
 endif
 
-.PHONY: run test lint golden golden-update sweep bench figures extremes accuracy clean always
+.PHONY: run test test-slow lint golden golden-update sweep bench figures extremes accuracy clean always
 .DELETE_ON_ERROR:
 .SUFFIXES:
 
@@ -42,6 +42,10 @@ run: $(INSTALLED)
 
 test: $(INSTALLED_ALL)
 	$(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+
+# what takes minutes a test: one process, for these tests have their own
+test-slow: $(INSTALLED_ALL)
+	$(VENV)/bin/python -m pytest -m slow
 
 lint: $(INSTALLED_ALL)
 	$(VENV)/bin/ruff check
@@ -100,7 +104,7 @@ $(INSTALLED_ALL): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) sweep build dist *.egg-info *_psf *_psf.png *_tradeoff *_bsdf *_fit .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) sweep build dist *.egg-info *_psf *_psf.png *_tradeoff *_bsdf *_fit *_validation .mypy_cache .pytest_cache .ruff_cache
 	find psfcli scripts tests -name __pycache__ -prune -exec rm -rf {} +
 
 always:

@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent / "psfcli"
 # From the user down to the physics; imports go down only.
 ORDER = (
     "cli",
+    "validation",
     "tradeoff",
     "scattering",
     "prediction",
@@ -24,6 +25,7 @@ ORDER = (
     "products",
     "planning",
     "image",
+    "montecarlo",
     "surface",
     "telescope",
     "pictures",
@@ -34,6 +36,7 @@ ORDER = (
 # recipe.py alone joins planning, image and products; products know images, not how they were asked for or planned.
 MAY_IMPORT = {
     "cli": {
+        "validation",
         "tradeoff",
         "scattering",
         "prediction",
@@ -42,6 +45,18 @@ MAY_IMPORT = {
         "metrology",
         "products",
         "planning",
+        "telescope",
+        "pictures",
+        "tolerance",
+    },
+    # it alone joins the rays with what they judge
+    "validation": {
+        "recipe",
+        "config",
+        "products",
+        "image",
+        "montecarlo",
+        "surface",
         "telescope",
         "pictures",
         "tolerance",
@@ -55,6 +70,8 @@ MAY_IMPORT = {
     "products": {"image", "surface", "telescope", "pictures", "tolerance"},  # products read back are drawn
     "planning": {"image", "surface", "telescope", "tolerance"},
     "image": {"surface", "telescope", "tolerance"},
+    # of surfaces it takes what the system file says of them, and no function: DATA_OF_SURFACES
+    "montecarlo": {"surface", "telescope"},
     "surface": {"tolerance"},
     "telescope": {"tolerance"},
     "pictures": set(),  # they draw what they are given
@@ -72,14 +89,16 @@ LIBRARIES = {
     "threadpoolctl": {"prediction", "recipe"},
     "matplotlib": {"pictures"},
     "PIL": {"pictures"},
-    "scipy": {"tradeoff", "metrology", "image", "surface"},
+    "scipy": {"validation", "tradeoff", "metrology", "image", "surface"},
     "numpy": {
+        "validation",
         "tradeoff",
         "metrology",
         "scattering",
         "products",
         "planning",
         "image",
+        "montecarlo",
         "surface",
         "telescope",
         "pictures",
@@ -94,6 +113,9 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("psfcli.__main__", "psfcli.cli"): "python -m psfcli",
     ("psfcli.recipe", "psfcli.surface.mixture"): "the error of a scatter that no mixture can hold, told to the user",
 }
+
+# What the rays may know of surfaces: dataclasses that hold the numbers of the system file.
+DATA_OF_SURFACES = {"psfcli.surface.surface": {"Surface"}, "psfcli.surface.psd": {"KCorrelation"}}
 
 MODULES = {
     ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__"): path
@@ -157,6 +179,19 @@ def test_each_library_is_imported_where_it_belongs(module):
     foreign = {name for name in imported(module) if name.split(".")[0] not in sys.stdlib_module_names | {"psfcli"}}
     wrong = [name for name in foreign if part(module) not in LIBRARIES.get(library(name) or "", set())]
     assert not [name for name in wrong if (module, name) not in EXCEPTIONS], f"{module} must not import {wrong}"
+
+
+@pytest.mark.parametrize("module", [module for module in MODULES if part(module) == "montecarlo"])
+def test_the_rays_share_no_calculation_with_what_they_judge(module):
+    methods = {
+        node.name for data in DATA_OF_SURFACES for node in ast.walk(tree(data)) if isinstance(node, ast.FunctionDef)
+    }
+    assert "band_share" in methods
+    for node in ast.walk(tree(module)):
+        if isinstance(node, ast.ImportFrom) and part(node.module) == "surface":
+            assert {alias.name for alias in node.names} <= DATA_OF_SURFACES.get(node.module, set())
+        if isinstance(node, ast.Attribute):
+            assert node.attr not in methods
 
 
 def test_no_imports_go_in_a_circle():

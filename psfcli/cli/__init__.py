@@ -15,6 +15,7 @@ _COMMANDS = {
     "check": "Validate system files.",
     "seidel": "Print each surface's aberrations and the first-order optics of a telescope.",
     "tradeoff": "Measure what accuracy costs on a scene, beside FFT and ray counting.",
+    "validate": "Hold the convolution against Monte Carlo rays.",
     "bsdf": "Profiles of the BSDF at any incidence, and how shift-invariant it is.",
     "fit-psd": "Fit K-correlations to measured spectra of a surface.",
     "plot": "Draw the products of a run: images and ensquared energy.",

@@ -1,0 +1,1 @@
+"""The convolution held against rays that scatter by chance."""
