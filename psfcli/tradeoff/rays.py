@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from psfcli.image.geometric import along_fans, azimuth_rule, ray_fans
 from psfcli.image.grid import Detector
+from psfcli.montecarlo.spectrum import scatterers
 from psfcli.planning.plan import Plan
-from psfcli.surface.harvey_shack import horizon, phase_per_height, phase_variance
-from psfcli.surface.psd import KCorrelation
+from psfcli.surface.harvey_shack import phase_variance
 
 Real = NDArray[np.float64]
 
@@ -54,26 +54,13 @@ def scattered_rays(scene: Plan, count: int, seed: int = 0) -> Iterator[tuple[Rea
         x, y = (np.asarray(polyval(rho, fan, tensor=False), dtype=np.float64) for fan in fans)
         for surface in scene.surfaces:
             scale = wavelength * telescope.magnified_distance(surface.marginal_height)
-            limit = horizon(surface, wavelength)
-            for term in surface.psd:
-                mean = phase_per_height(surface, wavelength) ** 2 * term.band_variance(0.0, limit)
-                ray = np.repeat(np.arange(size), generator.poisson(mean, size))
-                deviation = scale * spatial_frequencies(generator, term, limit, ray.size)
+            for term in scatterers(surface, wavelength):
+                ray = np.repeat(np.arange(size), generator.poisson(term.mean, size))
+                deviation = scale * term.frequencies(generator, ray.size)
                 azimuth = 2.0 * math.pi * generator.random(ray.size)
                 x += np.bincount(ray, deviation * np.cos(azimuth), size)
                 y += np.bincount(ray, deviation * np.sin(azimuth), size)
         yield x, y
-
-
-def spatial_frequencies(generator: np.random.Generator, term: KCorrelation, limit: float, count: int) -> Real:
-    """``count`` draws of |f| < ``limit`` [cycles/mm] from the two-dimensional spectrum of a ``term``.
-
-    |f| = sqrt(U^(2/(1-C)) - 1)/B, exact, with U uniform between its value at the limit and 1.
-    """
-    lowest = math.exp(0.5 * (1.0 - term.C) * math.log1p((term.B * limit) ** 2))
-    u = 1.0 - (1.0 - lowest) * generator.random(count)
-    frequency: Real = np.sqrt(np.expm1(2.0 / (1.0 - term.C) * np.log(u))) / term.B
-    return frequency
 
 
 def counted(landings: Iterable[tuple[Real, Real]], detector: Detector, half_width: Real) -> tuple[Real, Real]:
