@@ -87,8 +87,8 @@ def along_fans(fans: Real, rho: Real) -> Real:
 def pupil_azimuths(telescope: Telescope, field: Field, count: int, *, half: bool = False) -> tuple[Real, Real]:
     """Nodes [rad] and weights, adding to 1, in lit azimuth: trapezoid rule on a full annulus, Gauss's on a sector.
 
-    At least ``count``, and ``count`` if it is a multiple of LARGEST_PANEL. ``half``, for mirror-symmetric images and an even number: those on one side of the field
-    direction, standing for both.
+    At least ``count``, and ``count`` if it is a multiple of LARGEST_PANEL. ``half``, for mirror-symmetric images and an
+    even number: those on one side of the field direction, standing for both.
     """
     if telescope.pupil.is_full_annulus:
         azimuth = azimuth_rule(telescope, field, count)[: count // 2 if half else count]

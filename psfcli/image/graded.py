@@ -1,6 +1,6 @@
 """Rays through the pupil, close together where it matters and far apart elsewhere [mm].
 
-The pupil is cut into cells of rho^2 and azimuth, which are halved until each lands within the spacing asked for where
+The pupil is cut into cells of rho and azimuth, which are halved until each lands within the spacing asked for where
 it lands; Gauss's rule in each.
 """
 
@@ -25,10 +25,10 @@ _MOST_CELLS = 200_000
 def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real]) -> RayBundle:
     """Rays about ``spacing(x, y)`` [mm] apart where they land at (x, y), counted from the Gaussian image point."""
     start, stop = image.telescope.pupil.sector
-    inner = image.telescope.pupil.obscuration**2
-    p = np.linspace(inner, 1.0, _FIRST_RADII + 1)
+    inner = image.telescope.pupil.obscuration
+    r = np.linspace(inner, 1.0, _FIRST_RADII + 1)
     a = np.linspace(start, stop, _FIRST_AZIMUTHS + 1)
-    cells = np.array([(*p[i : i + 2], *a[j : j + 2]) for i in range(_FIRST_RADII) for j in range(_FIRST_AZIMUTHS)])
+    cells = np.array([(*r[i : i + 2], *a[j : j + 2]) for i in range(_FIRST_RADII) for j in range(_FIRST_AZIMUTHS)])
     done: list[Real] = []
     while cells.size:
         x, y = _landing(image, cells, np.array([-1.0, 0.0, 1.0]))
@@ -46,16 +46,23 @@ def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real]) 
     cells = np.concatenate(done)
     node, weight = gauss_legendre(_NODES)
     x, y = _landing(image, cells, node)
-    area = (cells[:, 1] - cells[:, 0]) * (cells[:, 3] - cells[:, 2]) / ((1.0 - inner) * (stop - start))
-    share = area[:, None, None] * np.multiply.outer(0.5 * weight, 0.5 * weight)
+    area = 2.0 * (cells[:, 1] - cells[:, 0]) * (cells[:, 3] - cells[:, 2]) / ((1.0 - inner**2) * (stop - start))
+    share = (
+        area[:, None, None] * _between(cells[:, :2], node)[:, :, None] * np.multiply.outer(0.5 * weight, 0.5 * weight)
+    )
     return RayBundle(share.ravel(), x.ravel(), y.ravel())
 
 
 def _landing(image: GeometricalImage, cells: Real, node: Real) -> tuple[Real, Real]:
     """Landing points of the product nodes, -1 to 1 across each cell: x and y of shape (cell, radius, azimuth)."""
-    p0, p1, a0, a1 = cells.T[:, :, None]
-    rho = np.sqrt(p0 + 0.5 * (p1 - p0) * (node + 1.0))[:, :, None]
-    azimuth = a0 + 0.5 * (a1 - a0) * (node + 1.0)
+    rho, azimuth = _between(cells[:, :2], node)[:, :, None], _between(cells[:, 2:], node)
     fans = ray_fans(image.telescope, image.field, azimuth.ravel())
     x, y = ((((f[3] * rho + f[2]) * rho + f[1]) * rho + f[0]) for f in (c.reshape(4, -1, 1, node.size) for c in fans))
     return x, y
+
+
+def _between(bounds: Real, node: Real) -> Real:
+    """Points at ``node``, -1 to 1, between each pair of ``bounds`` (cell, 2): shape (cell, node)."""
+    low, high = bounds.T[:, :, None]
+    points: Real = low + 0.5 * (high - low) * (node + 1.0)
+    return points

@@ -6,6 +6,7 @@ the finer the answer. Lengths in mm.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -58,10 +59,10 @@ def narrow_in_squares(
     )
     energy = np.zeros((len(centres), half_width.size))
     if by_fans and reached[by_fans - 1].any():
-        some = np.flatnonzero(reached[by_fans - 1])
+        some = reached[by_fans - 1]
         narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]))
         energy[some] += blurred_in_boxes(
-            point, [centres[n] for n in some], half_width, np.maximum(tolerance[some], _LEAST), narrowest
+            point, list(itertools.compress(centres, some)), half_width, np.maximum(tolerance[some], _LEAST), narrowest
         )
     wider = GaussianMixture(weight[by_fans:], variance[by_fans:])
     for grid in spot_grids(point, wider, spacing[by_fans:], window):

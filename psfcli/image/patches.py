@@ -8,6 +8,7 @@ nodes. Neighbours in the pupil are neighbours in the image: patches that land fa
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -92,7 +93,7 @@ def patches_apart(
     each = math.ceil(radii / count)
     each = each if each <= _SIDE else LARGEST_PANEL
     per_azimuth = _azimuthal_nodes(image) * (stop - start) / spacing
-    for inner, outer in zip(edges[:-1], edges[1:], strict=True):
+    for inner, outer in itertools.pairwise(edges):
         met = (rings.rho[1:] > inner) & (rings.rho[:-1] < outer)
         azimuths = _FEWEST_AZIMUTHS + per_azimuth * float(rings.azimuthal[met].max())
         yield from _ring(image, (inner, outer), each, math.ceil(azimuths), spacing, half=half, window=window)
@@ -100,9 +101,9 @@ def patches_apart(
 
 @dataclass(frozen=True, slots=True)
 class _Rings:
-    """A table of rings between the pupil radii ``rho`` (n + 1,): how far a ray lands from the next, in the worst place.
+    """Rings between the pupil radii ``rho`` (n + 1,): how far apart rays land, in the worst place.
 
-    ``radial`` [mm] across the ring, ``azimuthal`` [mm/rad] along it, and the part of the ring ``inside`` a window; (n,).
+    ``radial`` [mm] across a ring, ``azimuthal`` [mm/rad] along it, and the part of it ``inside`` a window, all (n,).
     """
 
     rho: Real
@@ -148,9 +149,8 @@ def _ring(
     azimuth, slice_weight = azimuth.reshape(-1, _SIDE), slice_weight.reshape(-1, _SIDE)
     side = min(radii, _SIDE)
     for row, row_lit in zip(rho.reshape(-1, side), lit.reshape(-1, side), strict=True):
-        seen = np.flatnonzero(
-            _near_window(*_landing(image, row[[0, side // 2, -1]], azimuth[:, [0, _SIDE // 2, -1]]), spacing, window)
-        )
+        x, y = _landing(image, row[[0, side // 2, -1]], azimuth[:, [0, _SIDE // 2, -1]])
+        seen = np.flatnonzero(_near_window(x, y, spacing, window))
         for first in range(0, seen.size, _PATCHES_AT_ONCE):
             some = seen[first : first + _PATCHES_AT_ONCE]
             share = row_lit[:, None] * slice_weight[some, None, :]
@@ -158,7 +158,7 @@ def _ring(
 
 
 def _landing(image: GeometricalImage, rho: Real, azimuth: Real) -> list[Real]:
-    """x and y of the rays of patches (patch, ray) at radii ``rho`` and azimuths (patch, azimuth)."""
+    """Where the rays of patches land, x and y (patch, ray), at radii ``rho`` and azimuths (patch, azimuth)."""
     fans = ray_fans(image.telescope, image.field, azimuth.ravel())
     shape = rho.size, *azimuth.shape
     return [np.moveaxis(along_fans(f, rho).reshape(shape), 1, 0).reshape(azimuth.shape[0], -1) for f in fans]

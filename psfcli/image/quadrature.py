@@ -28,7 +28,7 @@ def gauss_legendre(count: int) -> tuple[Real, Real]:
 
 
 def gauss_panels(count: int, largest: int = _LARGEST_PANEL) -> tuple[Real, Real]:
-    """Nodes and weights on (-1, 1), at least ``count``, of Gauss's rule on equal panels of at most ``largest`` nodes."""
+    """Nodes and weights on (-1, 1), at least ``count``: Gauss's rule on equal panels of at most ``largest`` nodes."""
     panels = 1 + (count - 1) // largest
     node, weight = gauss_legendre(-(-count // panels))
     start = -1.0 + 2.0 * np.arange(panels)[:, None] / panels

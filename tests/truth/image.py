@@ -82,9 +82,10 @@ class Image:
         return pupil_mean(self.system, lambda x, y: self._about(window, x, y), _RAYS_PER_CORE * self._core, absolute)
 
     def energy(self, window: Window, absolute: float = FAINTEST) -> float:
-        """Fraction of all light in the window (x0, x1, y0, y1) [mm]."""
+        """Fraction of all light in the window (x0, x1, y0, y1) [mm], within ``RELATIVE`` of it or ``absolute``."""
         lit = self.specular * self.unscattered(window) if self.specular > 1e-18 else 0.0
-        return lit + self.scattered(window, max(absolute, RELATIVE * lit))
+        # many cells of the pupil may each err by what is given to one
+        return lit + self.scattered(window, max(0.1 * absolute, 0.01 * RELATIVE * lit))
 
     def square(self, half_width: float, centre: tuple[float, float] = (0.0, 0.0)) -> float:
         """Ensquared energy: the square of ``half_width`` [mm] about ``centre`` [mm]."""
