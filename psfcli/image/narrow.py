@@ -89,7 +89,7 @@ def _by_grid(grid: SpotGrid, centres: Sequence[tuple[float, float]], half_width:
     energy[:, :some] = 0.0
     for weight, variance in zip(grid.mixture.weight, grid.mixture.variance - grid.tau2, strict=True):
         in_x, in_y = (_in_intervals(c, w, nodes, math.sqrt(variance)) for c, nodes in ((x, grid.x), (y, grid.y)))
-        energy[:, :some] += weight * np.sum((in_y @ grid.mass) * in_x, axis=1).reshape(-1, some)
+        energy[:, :some] += weight * np.sum((in_y @ grid.mass) * in_x, axis=1).reshape(len(centres), some)
     return energy
 
 
