@@ -45,7 +45,7 @@ def plan(
     """What the system requires; ``with_cube`` False: ensquared energy alone, ``with_boxes`` False: pixels alone.
 
     ``jobs`` None: as many as pay. ``everything`` skips no effect, however little it changes. Raises AccuracyUnreachable
-    when no way to compute it takes ``max_memory`` bytes or less.
+    when no way to compute it takes ``max_memory`` bytes or less, SceneError when pixels lie where no light lands.
     """
     scene = plan_scene(
         system.telescope,
@@ -61,6 +61,12 @@ def plan(
         max_memory=max_memory,
         everything=everything,
     )
+    if with_cube and system.detector.farthest() > scene.lit_to:
+        raise SceneError(
+            f"the window reaches {system.detector.farthest():.4g} mm from the image point, and no light lands beyond "
+            f"{scene.lit_to:.4g} mm, far outside the small angles of Eq. 36; fewer or smaller pixels or --format csv "
+            "would do"
+        )
     if scene.resources.memory > max_memory:
         raise AccuracyUnreachable(
             f"the accuracy asked for cannot be met: a field at a time in one process takes "

@@ -87,7 +87,7 @@ def test_weights_are_positive_but_for_the_few_that_hold_the_horizon(name, reach_
     system = SYSTEMS[name]
     mixture = produced(system, reach=reach_in_distances * system.surfaces[0].d).mixture
     negative = mixture.weight < 0.0
-    assert np.count_nonzero(negative) <= 6  # as many as the horizon's fit has
+    assert np.count_nonzero(negative) <= 8  # as many as the horizon's fit has within d_j
     assert np.all(mixture.variance > 0.0)
     if np.any(negative):  # wider than a fiftieth of d: nothing of the image's size among them
         assert np.sqrt(mixture.variance[negative].min()) > 0.02 * system.surfaces[0].d

@@ -6,15 +6,19 @@ import json
 import re
 import subprocess
 import sys
+import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from planned import PAPER, paper
+from planned import PAPER, paper, planned
 
 import psfcli
 from psfcli import recipe
+from psfcli.cli.plan import describe
 from psfcli.image.grid import Detector
 from psfcli.planning.resources import resources
+from psfcli.products.rehearsal import writing_seconds
 
 QUICK = ("--accuracy", "draft", "--set", "ensquared_energy={half_widths: [21 um]}")
 # the command, and what the process it ran in took at most [kB]; ru_maxrss would count what started it, too
@@ -151,3 +155,22 @@ def test_the_manifest_keeps_the_whole_plan(tmp_path):
     for each in plan["effects"]:
         assert each["because"]
         assert each["state"] == "modelled" or {"ee", "pixel"} <= each.keys()
+
+
+def test_the_time_predicted_has_the_writing_in_it_and_leaves_nothing(tmp_path, monkeypatch):
+    system = paper(accuracy="draft")
+    scene, images = planned(system)
+    header = recipe.header(system, scene)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    few = writing_seconds(header, ("fits", "csv"), images[0, 0])
+    many = writing_seconds(replace(header, fields=header.fields * 2000), ("fits", "csv"), images[0, 0])
+    assert 0.0 < few < many
+    # 2000 rows of tables alone take longer than this
+    assert many > few + 0.01
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_room_to_try_the_time_predicted_says_that_writing_is_left_out(monkeypatch):
+    assert " s beyond start-up, by 1 job" in describe(paper(accuracy="draft"), ("fits",), 1, None)
+    monkeypatch.setattr(tempfile, "tempdir", str(Path(__file__) / "nowhere"))
+    assert " s beyond start-up and writing, by 1 job" in describe(paper(accuracy="draft"), ("fits",), 1, None)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from psfcli.planning.effects import Effect
     from psfcli.planning.plan import Plan
     from psfcli.prediction import Trials
+    from psfcli.products.header import RunHeader
     from psfcli.tolerance import Tolerance
 
 _MOST_ALIKE = 6  # effects of one kind and state shown; the manifest of a run lists them all
@@ -27,8 +28,9 @@ _MOST_ALIKE = 6  # effects of one kind and state shown; the manifest of a run li
 def command(config: str, system: System, formats: tuple[str, ...], jobs: int | None, max_memory: float | None) -> None:
     """Say what CONFIG requires and what it does not, why, and the error, time and memory a run would take.
 
-    A few of its images are computed in earnest to predict error and time; nothing is written. Exit status: 2 fault in
-    the usage or the system file, 3 the accuracy cannot be met within --max-memory.
+    A few of its images are computed in earnest, and one is written to a temporary directory, to predict error and
+    time; nothing stays. Exit status: 2 fault in the usage or the system file, 3 the accuracy cannot be met within
+    --max-memory.
     """
     del config
     for warning in system.warnings:
@@ -38,12 +40,16 @@ def command(config: str, system: System, formats: tuple[str, ...], jobs: int | N
 
 def describe(system: System, formats: Sequence[str], jobs: int | None, max_memory: float | None) -> str:
     """The plan as text; ``jobs`` None: as many as pay, ``max_memory`` None: half of the machine's."""
-    from psfcli import prediction, recipe  # numpy, scipy: not before the system file is known to be good
+    # numpy, scipy: not before the system file is known to be good
+    from psfcli import prediction, recipe
 
     allowed = max_memory or MemorySize.default()
     scene = recipe.plan_of_products(system, formats, jobs=jobs, max_memory=allowed)
     every = [prediction.trials(scene, w) for w in range(len(scene.wavelengths))]
-    worst, seconds, needs = prediction.worst(every), prediction.seconds(scene, every), scene.resources
+    worst, needs = prediction.worst(every), scene.resources
+    writing = _writing(recipe.header(system, scene), formats, every)
+    seconds = prediction.seconds(scene, every) + (writing or 0.0)
+    beyond = "start-up" if writing is not None else "start-up and writing"
     asked = scene.tolerance
     lines = [system.title] if system.title else []
     for w, tried in enumerate(every):
@@ -58,7 +64,7 @@ def describe(system: System, formats: Sequence[str], jobs: int | None, max_memor
         _boxes(scene),
         f"asked       pixel error {asked.pixel:.1e}, ensquared energy {asked.ee:.1e}",
         f"predicted   {_reached(scene, worst)}",
-        f"time        about {seconds:.2g} s beyond start-up and writing, by {needs.jobs} job{'s' * (needs.jobs > 1)}",
+        f"time        about {seconds:.2g} s beyond {beyond}, by {needs.jobs} job{'s' * (needs.jobs > 1)}",
         f"memory      {1e-6 * needs.memory:.0f} MB of {1e-6 * allowed:.0f} MB allowed; cubes of "
         f"{1e-6 * needs.output:.1f} MB",
         *(f"warning     {warning}" for warning in scene.warnings),
@@ -71,6 +77,18 @@ def _reached(scene: Plan, worst: Tolerance) -> str:
     pixels = f"pixel error {worst.pixel:.1e}, " if scene.with_cube else ""
     missed = ": not met, a run would end with 3" if worst.pixel > asked.pixel or worst.ee > asked.ee else ""
     return f"{pixels}ensquared energy {worst.ee:.1e}{missed}"
+
+
+def _writing(header: RunHeader, formats: Sequence[str], every: Sequence[Trials]) -> float | None:
+    """The time [s] of writing; None where there is no room to try."""
+    from psfcli.products import OutputError
+    from psfcli.products.rehearsal import writing_seconds
+
+    image = next(trial.image for trials in every for trial in trials.tried)
+    try:
+        return writing_seconds(header, formats, image)
+    except (OSError, OutputError):
+        return None
 
 
 def _boxes(scene: Plan) -> str:

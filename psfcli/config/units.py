@@ -90,6 +90,10 @@ def _by_astropy(text: str, unit: str, dimension: Dimension, example: str) -> Fac
 
     if len(unit) > 40:
         raise ValueError(f"{quoted(text)}: {quoted(unit)} is not a unit")
+    if "," in unit:  # astropy would read a list of units
+        raise ValueError(f"{quoted(text)} has a comma; write one number, with a point for decimals, and its unit")
+    if re.search(r"(^|\s)[0-9.]", unit.removeprefix("1/")):
+        raise ValueError(f"{quoted(text)} has a second number; write one number and its unit")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # deprecated spellings
@@ -106,8 +110,6 @@ def _by_astropy(text: str, unit: str, dimension: Dimension, example: str) -> Fac
         hint = mistaken(text) if dimension.units.keys() >= _LENGTHS.keys() else ""
         hint = hint or f"; use for example {example}"
         raise ValueError(f"{quoted(text)} is of dimension {measured}, not {dimension.name}{hint}") from None
-    if re.search(r"(^|\s)[0-9.]", unit.removeprefix("1/")):
-        raise ValueError(f"{quoted(text)} has a second number; write one number and its unit")
     return factor, 1.0
 
 

@@ -46,11 +46,10 @@ def truncation_error(image: GeometricalImage, variance: Real) -> Real:
     order = np.arange(MAX_MOMENT + 1)
     root = np.sqrt(special.factorial(order))
     width_x, width_y = np.sqrt(variance + image.spot.rms_x**2), np.sqrt(variance + image.spot.rms_y**2)
-    scaled_x = root[:, None] / width_x ** order[:, None]
-    scaled_y = root[:, None] / width_y ** order[:, None]
-    size = np.zeros((MAX_MOMENT + 1, variance.size))
-    for a, b in np.argwhere(image.moments):
-        size[a + b] += abs(image.moments[a, b]) * scaled_x[a] * scaled_y[b]
+    a, b = np.nonzero(image.moments)
+    scaled_x, scaled_y = (root[n, None] / width ** n[:, None] for n, width in ((a, width_x), (b, width_y)))
+    known = np.abs(image.moments[a, b])[:, None] * scaled_x * scaled_y
+    size = (order[:, None] == a + b).astype(np.float64) @ known
     later = np.cumsum(size[::-1], axis=0)[::-1]
     return _HERMITE_MARGIN * later[1 : MAX_ORDER + 2]
 

@@ -25,6 +25,7 @@ Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _MOST_FIRST_SLICES = 10_000
+_MOST_SEEN_AT_ONCE = 300_000  # first slices of all groups: half a gigabyte
 _BOXES_TOGETHER = 24
 
 
@@ -83,10 +84,10 @@ def _over_azimuths(
     Squares that reach ``margin`` [mm] beyond the spot hold the ``whole``.
     """
     about = [_About.of(point, centre) for point, some in zip(points, centres, strict=True) for centre in some]
-    some = int(np.searchsorted(half_width, max(each.farthest for each in about) + margin))
+    some = np.searchsorted(half_width, np.array([each.farthest for each in about]) + margin)  # that do not hold all
     inside = np.full((len(about), half_width.size), whole)
     error = np.zeros(len(about))
-    if some:
+    if some.any():
         place = np.array([each.centre for each in about])
         relative_field = np.array([each.relative_field for each in about])
         start, stop = np.array([each.azimuths for each in about]).T
@@ -102,34 +103,30 @@ def _over_azimuths(
             fans_y[0] -= place[group, 1]
             return fans_x, fans_y
 
+        def light_along(boxes: slice, cut: Index, azimuth: Real, group: Index) -> Real:
+            """The light in some boxes of fans of the groups that these cut."""
+            return light(*fans(azimuth, cut[group]), inner, half_width[boxes])
+
         left, right, group = _slices_about(fans, inner, start, stop, tolerance / whole)
-        for first in range(0, some, _BOXES_TOGETHER):  # boxes share fans, and each brings its kinks to the others
-            boxes = slice(first, min(first + _BOXES_TOGETHER, some))
+        # boxes share fans, and each brings its kinks to the others: as many for any points that come together
+        for first in range(0, int(some.max()), _BOXES_TOGETHER):
+            boxes, cut = slice(first, first + _BOXES_TOGETHER), np.flatnonzero(some > first)
+            own = np.isin(group, cut)
             rule = integrate_adaptively(
-                functools.partial(_light_along, light, fans, inner, half_width[boxes]),
-                left,
-                right,
-                group,
-                tolerance * (stop - start),
+                functools.partial(light_along, boxes, cut),
+                left[own],
+                right[own],
+                np.searchsorted(cut, group[own]),
+                (tolerance * (stop - start))[cut],
             )
-            inside[:, boxes] = np.minimum(rule.integral / (stop - start)[:, None], whole)
-            error = np.maximum(error, rule.error / (stop - start))
+            inside[cut, boxes] = np.minimum(rule.integral / (stop - start)[cut, None], whole)
+            error[cut] = np.maximum(error[cut], rule.error / (stop - start)[cut])
+        inside[np.arange(half_width.size) >= some[:, None]] = whole
     ends = np.cumsum([len(some) for some in centres])
     return [
         (rows, float(errors.max()))
         for rows, errors in zip(np.split(inside, ends[:-1]), np.split(error, ends[:-1]), strict=True)
     ]
-
-
-def _light_along(
-    light: Callable[[Real, Real, float, Real], Real],
-    fans: Callable[[Real, Index], tuple[Real, Real]],
-    inner: float,
-    half_width: Real,
-    azimuth: Real,
-    group: Index,
-) -> Real:
-    return light(*fans(azimuth, group), inner, half_width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +157,8 @@ def _slices_about(
 
     Slices whose fans pass at a distance d are no wider there than d, down to boxes that hold less than the tolerance.
     """
-    counts = [slice_count(a, b, t) for a, b, t in zip(start, stop, tolerance, strict=True)]
+    most = _MOST_SEEN_AT_ONCE // start.size
+    counts = [min(slice_count(a, b, t), most) for a, b, t in zip(start, stop, tolerance, strict=True)]
     bound = np.concatenate([np.linspace(a, b, n + 1) for a, b, n in zip(start, stop, counts, strict=True)])
     group = np.repeat(np.arange(start.size), np.array(counts) + 1)
     rho = np.linspace(inner, 1.0, 33)

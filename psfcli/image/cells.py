@@ -13,6 +13,8 @@ from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
 
+_LEAST = 1e-31  # of all light: beyond a horizon the mixture may be negative
+
 
 def scattered_in_cells(
     point: GeometricalImage,
@@ -42,7 +44,7 @@ def scattered_in_cells(
             list(zip(x.tolist(), y.tolist(), strict=True)),
             np.array([0.5 * width]),
             narrow_error[narrow],
-            0.1 * (tolerance.pixel * energy + allowance),
+            np.maximum(0.1 * (tolerance.pixel * energy + allowance), _LEAST),
         )[:, 0]
     return energy
 

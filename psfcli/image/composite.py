@@ -7,6 +7,7 @@ erf, so the window is a sum of products of thin matrices, each term on the block
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ from psfcli.image.patches import ray_count
 from psfcli.image.result import Spot
 from psfcli.image.scatter import Halo
 from psfcli.image.spot_grid import SpotGrid, spot_grids
-from psfcli.image.unscattered import unscattered_on_grid
+from psfcli.image.unscattered import Window, unscattered_in_windows
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.tolerance import Tolerance
 
@@ -73,25 +74,53 @@ class CompositeImage:
         return np.any(near, axis=0)
 
 
-def composite_image(point: GeometricalImage, halo: Halo, detector: Detector, tolerance: Tolerance) -> CompositeImage:
-    """Eq. 44 on the detector's sub-pixels, with the errors that contract section 4 allows.
+def composite_images(
+    points: Sequence[GeometricalImage], halo: Halo, detector: Detector, tolerance: Tolerance
+) -> Iterator[CompositeImage]:
+    """Eq. 44 on the detector's sub-pixels for each of the ``points``, with the errors that contract section 4 allows.
 
     Relative error within ``tolerance.pixel`` at every distance, energy within ``tolerance.ee``; where unscattered light
     touches, ``tolerance.ee`` of all light more. Gaussians too narrow to be told from no blur at all within these are
     added to the unscattered light.
     """
+    orders = [moment_orders(point, halo.mixture, tolerance) for point in points]
+    windows = [_touched_window(point, detector) for point in points]
+    unblurred = [halo.unscattered_weight + float(halo.mixture.weight[order < 0].sum()) for order in orders]
+    lit = [n for n, (rows, columns) in enumerate(windows) if rows.stop > rows.start and columns.stop > columns.start]
+    lit = [n for n in lit if unblurred[n] > 0.0]
+    found = unscattered_in_windows(
+        [points[n] for n in lit],
+        detector.edges(0),
+        detector.edges(1),
+        [windows[n] for n in lit],
+        np.array([0.3 * tolerance.ee / unblurred[n] for n in lit]),
+    )
+    unscattered = dict(zip(lit, found, strict=True))
+    for n, (point, order, window) in enumerate(zip(points, orders, windows, strict=True)):
+        dark = np.zeros([max(part.stop - part.start, 0) for part in window]), 0.0
+        yield _composite_image(point, order, window, *unscattered.pop(n, dark), halo, detector, tolerance)
+
+
+def _touched_window(point: GeometricalImage, detector: Detector) -> Window:
+    """The sub-pixels that unscattered light touches, and one more on either side."""
+    spot = point.spot
+    return _span(detector.edges(1), spot.y_min, spot.y_max), _span(detector.edges(0), spot.x_min, spot.x_max)
+
+
+def _composite_image(
+    point: GeometricalImage,
+    order: Index,
+    window: Window,
+    unscattered: Real,
+    error: float,
+    halo: Halo,
+    detector: Detector,
+    tolerance: Tolerance,
+) -> CompositeImage:
+    """The image of one point, whose light in the ``window`` without scatter is known with its ``error``."""
     edges_x, edges_y = detector.edges(0), detector.edges(1)
-    rows = _span(edges_y, point.spot.y_min, point.spot.y_max)
-    columns = _span(edges_x, point.spot.x_min, point.spot.x_max)
-    unscattered, error = np.zeros((max(rows.stop - rows.start, 0), max(columns.stop - columns.start, 0))), 0.0
-    mixture, order = halo.mixture, moment_orders(point, halo.mixture, tolerance)
+    (rows, columns), mixture, weight = window, halo.mixture, halo.unscattered_weight
     narrow = order < 0
-    weight = halo.unscattered_weight
-    if unscattered.size and weight + mixture.weight[narrow].sum() > 0.0:
-        share = 0.3 * tolerance.ee / (weight + float(mixture.weight[narrow].sum()))
-        unscattered, error = unscattered_on_grid(
-            point, edges_x[columns.start : columns.stop + 1], edges_y[rows.start : rows.stop + 1], share
-        )
     light = np.zeros((detector.sub_pixels, detector.sub_pixels))
     unresolved = 0.0
     if mixture.weight.size:
@@ -109,11 +138,11 @@ def composite_image(point: GeometricalImage, halo: Halo, detector: Detector, tol
         blurring = GaussianMixture(np.append(few.weight, rest.weight), np.append(few.variance, rest.variance))
         allowed = np.append(narrow_error(few, tolerance, math.inf, brightest), allowed[strict & ~local])
         width = np.sqrt(blurring.variance)
-        window = detector.bounds()
-        spacing = np.maximum(ray_spacing(width, allowed), ray_count(point, window).closest())
+        bounds = detector.bounds()
+        spacing = np.maximum(ray_spacing(width, allowed), ray_count(point, bounds).closest())
         # a tenth of the tolerance is what each may err by
         unresolved = 0.1 * tolerance.pixel * float(np.max(ray_error(width, spacing) / allowed - 1.0, initial=0.0))
-        for grid in spot_grids(point, blurring, spacing, window):
+        for grid in spot_grids(point, blurring, spacing, bounds):
             _add_by_grid(light, edges_x, edges_y, grid)
     light[rows, columns] += weight * unscattered
     return CompositeImage(light, unscattered, rows, columns, weight * error, unresolved)

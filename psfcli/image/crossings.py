@@ -7,13 +7,13 @@ without a density, so that a perfect image, a line focus and a caustic are as go
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.geometric import ray_fans
-from psfcli.telescope.system import Field, Telescope
+from psfcli.image.extent import turning_points
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -36,25 +36,15 @@ class Pieces:
     fan: Index
 
 
-def pieces_between(
-    telescope: Telescope, field: Field, azimuth: Real, edges_x: Real, edges_y: Real, origin: Real | None = None
-) -> Pieces:
-    """The fans along ``azimuth`` [rad] cut where x is one of ``edges_x`` or y one of ``edges_y``, both increasing.
+def pieces_between(fans_x: Real, fans_y: Real, inner: float, edges_x: Real, edges_y: Real) -> Pieces:
+    """Fans, the cubics ``fans_x`` and ``fans_y`` (4, azimuths) in rho from ``inner`` to 1, cut where x is one of
 
-    Edges and landing points count from the Gaussian image point or, for each fan, from its ``origin`` (2, azimuths).
+    ``edges_x`` or y one of ``edges_y``, both increasing.
     """
-    inner = telescope.pupil.obscuration
-    fans_x, fans_y = ray_fans(telescope, field, azimuth)
-    if origin is not None:
-        fans_x[0] -= origin[0]
-        fans_y[0] -= origin[1]
-    crossings = [
-        _crossings(Branches.of(fans, inner), edges, np.zeros(azimuth.size))
-        for fans, edges in ((fans_x, edges_x), (fans_y, edges_y))
-    ]
-    start, stop, which = stretches(
-        np.concatenate([c.fan for c in crossings]), np.concatenate([c.rho for c in crossings]), azimuth.size, inner
-    )
+    azimuths = fans_x.shape[1]
+    branches = Branches.of(np.concatenate([fans_x, fans_y], axis=1), inner)
+    cut = _crossings(branches, [edges_x, edges_y], np.zeros(2 * azimuths))
+    start, stop, which = stretches(cut.fan % azimuths, cut.rho, azimuths, inner)
     middle = 0.5 * (start + stop)
     return Pieces(
         share=(stop - start) * (stop + start) / (1.0 - inner**2),
@@ -83,20 +73,18 @@ def light_in_squares(fans_x: Real, fans_y: Real, inner: float, half_width: Real)
     for either side, so that a fan along a diagonal is counted once.
     """
     azimuths, boxes = fans_x.shape[1], half_width.size
-    light = np.zeros(azimuths * boxes)
-    edges = np.concatenate([-half_width[::-1], half_width])
-    branches_x, branches_y = Branches.of(fans_x, inner), Branches.of(fans_y, inner)
-    for branches, others in ((branches_x, branches_y), (branches_y, branches_x)):
-        cut = _crossings(branches, edges, others.closest())
-        upper = cut.edge >= boxes
-        box = np.where(upper, cut.edge - boxes, boxes - 1 - cut.edge)
-        across = np.abs(cubic(others.fans[:, cut.fan], cut.rho)) - half_width[box]
-        counted = np.where(np.abs(across) <= _ON_CORNER * half_width[box], 0.5, across < 0.0)
-        outward = np.where(upper == cut.rising, 1.0, -1.0)
-        light += np.bincount(cut.fan * boxes + box, outward * counted * cut.rho**2, light.size)
-    light = light.reshape(azimuths, boxes)
+    branches = Branches.of(np.concatenate([fans_x, fans_y], axis=1), inner)
+    cut = _crossings(branches, [np.concatenate([-half_width[::-1], half_width])], np.roll(branches.closest(), azimuths))
+    upper = cut.edge >= boxes
+    box = np.where(upper, cut.edge - boxes, boxes - 1 - cut.edge)
+    w = half_width[box]
+    across = np.abs(cubic(np.roll(branches.fans, azimuths, axis=1)[:, cut.fan], cut.rho)) - w
+    counted = np.where(np.abs(across) <= _ON_CORNER * w, 0.5, across < 0.0)
+    outward = np.where(upper == cut.rising, 1.0, -1.0)
+    light = np.bincount(cut.fan * boxes + box, outward * counted * cut.rho**2, 2 * azimuths * boxes)
+    light = light.reshape(2, azimuths, boxes).sum(axis=0, dtype=np.float64)  # counts of nothing are integers
     for end, power in ((-1, 1.0), (0, -(inner**2))):
-        distance = np.maximum(np.abs(branches_x.value[end]), np.abs(branches_y.value[end]))
+        distance = np.abs(branches.value[end]).reshape(2, azimuths).max(axis=0)
         light += power * (distance[:, None] <= half_width)
     share: Real = light / (1.0 - inner**2)
     return share
@@ -116,8 +104,8 @@ class Branches:
     @classmethod
     def of(cls, fans: Real, inner: float) -> Branches:
         """The branches of ``fans`` from ``inner`` to 1."""
-        turning = np.sort(_turning_points(fans, inner), axis=0)
-        rho = np.concatenate([np.full((1, fans.shape[1]), inner), turning, np.ones((1, fans.shape[1]))])
+        one, other = turning_points(fans, inner)
+        rho = np.stack([np.full_like(one, inner), np.minimum(one, other), np.maximum(one, other), np.ones_like(one)])
         return cls(fans, rho, cubic(fans[:, None, :], rho))
 
     def closest(self) -> Real:
@@ -136,23 +124,31 @@ class _Crossings:
     rising: NDArray[np.bool_]
 
 
-def _crossings(branches: Branches, edges: Real, beyond: Real) -> _Crossings:
-    """Every crossing of the fans with the increasing ``edges`` that lie farther from zero than ``beyond``, per fan.
+def _crossings(branches: Branches, edges: Sequence[Real], beyond: Real) -> _Crossings:
+    """Every crossing of the fans with increasing ``edges`` that lie farther from zero than ``beyond``, per fan.
 
-    A branch meets each edge in its range once.
+    As many equal parts of the fans as there are ``edges`` each meet their own, counted from the first of all. A branch
+    meets each edge in its range once.
     """
     before, after = branches.value[:-1], branches.value[1:]
-    azimuths = before.shape[1]
-    first = np.searchsorted(edges, np.minimum(before, after).ravel(), side="right")
-    count = np.maximum(np.searchsorted(edges, np.maximum(before, after).ravel(), side="left") - first, 0)
+    low, high = np.minimum(before, after), np.maximum(before, after)
+    fans = before.shape[1]
+    first, last = np.empty(before.shape, dtype=np.intp), np.empty(before.shape, dtype=np.intp)
+    passed = 0
+    for n, own in enumerate(edges):
+        part = np.s_[:, n * fans // len(edges) : (n + 1) * fans // len(edges)]
+        first[part] = passed + np.searchsorted(own, low[part], side="right")
+        last[part] = passed + np.searchsorted(own, high[part], side="left")
+        passed += own.size
+    count = np.maximum(last - first, 0).ravel()
     branch = np.repeat(np.arange(count.size), count)
-    edge = np.arange(branch.size) + np.repeat(first - np.cumsum(count) + count, count)
-    fan = branch % azimuths
+    edge = np.arange(branch.size) + (first.ravel() - np.cumsum(count) + count)[branch]
+    fan, place = np.tile(np.arange(fans), before.shape[0])[branch], np.concatenate(edges)
     if np.any(beyond > 0.0):
-        some = np.abs(edges[edge]) > beyond[fan]
+        some = np.abs(place[edge]) > beyond[fan]
         branch, edge, fan = branch[some], edge[some], fan[some]
     cubics = branches.fans[:, fan]
-    cubics[0] -= edges[edge]
+    cubics[0] -= place[edge]
     rho = root_between(cubics, branches.rho[:-1].ravel()[branch], branches.rho[1:].ravel()[branch])
     return _Crossings(rho, fan, edge, (after > before).ravel()[branch])
 
@@ -162,15 +158,6 @@ def cubic(coefficients: Real, rho: Real) -> Real:
     a0, a1, a2, a3 = coefficients
     value: Real = ((a3 * rho + a2) * rho + a1) * rho + a0
     return value
-
-
-def _turning_points(fans: Real, inner: float) -> Real:
-    """Zeros of the cubics' derivatives within (inner, 1), shape (2, azimuths); 1 where there is none."""
-    _, c, b, a = fans * np.array([0.0, 1.0, 2.0, 3.0])[:, None]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        q = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
-        roots = np.stack([q / a, c / q])
-        return np.where((roots > inner) & (roots < 1.0), roots, 1.0)
 
 
 def root_between(cubics: Real, start: Real, stop: Real) -> Real:

@@ -27,7 +27,7 @@ def default_half_widths(pixel: float, pixels: int) -> Real:
 
 def unaberrated_energy(halo: Halo, half_width: Real) -> Real:
     """Ensquared energy without aberrations, the specular point included: shape of ``half_width``."""
-    box = half_width[:, None] / np.sqrt(halo.mixture.variance)
+    box = halo.held(half_width)[:, None] / np.sqrt(halo.mixture.variance)
     energy: Real = halo.unscattered_weight + normal_probability(-box, box) ** 2 @ halo.mixture.weight
     return energy
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from psfcli.image.extent import extent
 from psfcli.image.quadrature import gauss_panels
 from psfcli.image.result import Spot
 from psfcli.telescope.aberration import transverse_aberration_along_azimuths
@@ -143,22 +144,23 @@ def spot_statistics(telescope: Telescope, field: Field) -> Spot:
     azimuths = _EXACT_AZIMUTHS if telescope.pupil.is_full_annulus else 4 * _EXACT_AZIMUTHS
     rays = ray_bundle(telescope, field, _EXACT_RADII, azimuths)
     mean_x, mean_y = float(rays.share @ rays.x), float(rays.share @ rays.y)
+    chief_x, chief_y = (float(fans[0, 0]) for fans in ray_fans(telescope, field, np.zeros(1)))
+    x_min, x_max, y_min, y_max = extent(
+        lambda azimuth: ray_fans(telescope, field, azimuth), telescope.pupil.obscuration, *telescope.pupil.sector
+    ).tolist()
     if _is_mirror_symmetric(telescope, field):
-        mean_x = 0.0  # and not rounding: boxes about it keep the symmetry
-    fans_x, fans_y = ray_fans(telescope, field, azimuth_rule(telescope, field, _EXTENT_AZIMUTHS))
-    rho = np.linspace(telescope.pupil.obscuration, 1.0, 33)
-    x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
+        mean_x, x_min = 0.0, -x_max + 0.0  # and not rounding: boxes about it keep the symmetry
     return Spot(
         centroid_x=mean_x,
         centroid_y=mean_y,
-        chief_x=float(fans_x[0, 0]),
-        chief_y=float(fans_y[0, 0]),
+        chief_x=chief_x,
+        chief_y=chief_y,
         rms_x=math.sqrt(float(rays.share @ (rays.x - mean_x) ** 2)),
         rms_y=math.sqrt(float(rays.share @ (rays.y - mean_y) ** 2)),
-        x_min=float(x.min()),
-        x_max=float(x.max()),
-        y_min=float(y.min()),
-        y_max=float(y.max()),
+        x_min=x_min,
+        x_max=x_max,
+        y_min=y_min,
+        y_max=y_max,
     )
 
 

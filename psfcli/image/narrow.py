@@ -6,7 +6,6 @@ the finer the answer. Lengths in mm.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -25,6 +24,7 @@ Real = NDArray[np.float64]
 # seconds, on any machine only in proportion: of a ray laid on a grid, and of one Gaussian in one box at tolerance 1
 _RAY_COST, _FAN_COST = 1.5e-6, 1.5e-5
 _LEAST = 1e-13  # of all light: no fan knows it better
+_AT_ONCE = 1 << 17  # nodes of the grid, each for a box about a centre: what is computed together
 
 
 def narrow_in_squares(
@@ -59,10 +59,10 @@ def narrow_in_squares(
     )
     energy = np.zeros((len(centres), half_width.size))
     if by_fans and reached[by_fans - 1].any():
-        some = reached[by_fans - 1]
+        some = np.flatnonzero(reached[by_fans - 1]).tolist()
         narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]))
         energy[some] += blurred_in_boxes(
-            point, list(itertools.compress(centres, some)), half_width, np.maximum(tolerance[some], _LEAST), narrowest
+            point, [centres[n] for n in some], half_width, np.maximum(tolerance[some], _LEAST), narrowest
         )
     wider = GaussianMixture(weight[by_fans:], variance[by_fans:])
     for grid in spot_grids(point, wider, spacing[by_fans:], window):
@@ -85,15 +85,24 @@ def _by_grid(grid: SpotGrid, centres: Sequence[tuple[float, float]], half_width:
     reach_x = np.maximum(grid.x[-1] - x, x - grid.x[0])
     reach_y = np.maximum(grid.y[-1] - y, y - grid.y[0])
     some = int(np.searchsorted(half_width, float(np.maximum(reach_x, reach_y).max()) + margin))
-    w = half_width[:some]
-    energy[:, :some] = 0.0
-    for weight, variance in zip(grid.mixture.weight, grid.mixture.variance - grid.tau2, strict=True):
-        in_x, in_y = (_in_intervals(c, w, nodes, math.sqrt(variance)) for c, nodes in ((x, grid.x), (y, grid.y)))
-        energy[:, :some] += weight * np.sum((in_y @ grid.mass) * in_x, axis=1).reshape(len(centres), some)
+    (x, in_column), (y, in_row) = (np.unique(c, return_inverse=True) for c in (x, y))  # centres share them
+    width = np.sqrt(grid.mixture.variance - grid.tau2)
+    together = max(1, _AT_ONCE // (width.size * len(centres) * max(grid.x.size, grid.y.size)))
+    for first in range(0, some, together):
+        boxes = slice(first, min(first + together, some))
+        in_x = _between(x, half_width[boxes], grid.x, width)
+        in_y = (_between(y, half_width[boxes], grid.y, width).reshape(-1, grid.y.size) @ grid.mass).reshape(
+            width.size, y.size, -1, grid.x.size
+        )
+        energy[:, boxes] = np.einsum("t,tcbx,tcbx->cb", grid.mixture.weight, in_y[:, in_row], in_x[:, in_column])
     return energy
 
 
-def _in_intervals(centre: Real, half_width: Real, nodes: Real, width: float) -> Real:
-    """What of a Gaussian of ``width`` at each node falls within each half width of each centre: [centre box, node]."""
-    low, high = ((centre[:, None] + side * half_width).reshape(-1, 1) for side in (-1.0, 1.0))
-    return normal_probability((low - nodes) / width, (high - nodes) / width)
+def _between(centre: Real, half_width: Real, node: Real, width: Real) -> Real:
+    """The share of Gaussians about each ``node`` within ``half_width`` of each ``centre``.
+
+    Shape [width, centre, box, node].
+    """
+    scale = width[:, None, None, None]
+    distance, half = (centre[:, None] - node)[:, None] / scale, half_width[:, None] / scale
+    return normal_probability(distance - half, distance + half)

@@ -28,6 +28,7 @@ Real = NDArray[np.float64]
 _POINTS = 1024, 4096  # of the table: good to 1e-7 and 1e-9 of all light
 _COARSE_ENOUGH = 1e-6  # energies asked no finer than this take the smaller table
 _DECADES_BELOW, _DECADES_ABOVE = 7.0, 9.0  # of q about the knees: the transform's period in the logarithm
+_DECADES_BEYOND = 3.0  # of q below the farthest distance
 _CORNER_NODES, _FEW_NODES = 48, 16  # for corners however far along an edge, and within _SHORT
 _SHORT = 3.0  # of asinh(far/near)
 _RAYS_AT_ONCE = 512
@@ -67,19 +68,20 @@ class EncircledEnergy:
 
 
 def encircled_energy(
-    surfaces: Sequence[Surface], telescope: Telescope, wavelength: float, tolerance: Tolerance
+    surfaces: Sequence[Surface], telescope: Telescope, wavelength: float, reach: float, tolerance: Tolerance
 ) -> EncircledEnergy:
     """E(R) = 2 pi R Int_0^inf [OTF_S(q) - exp(-G)] J1(2 pi q R) dq by FFTLog, with the horizon's clip as it stands.
 
     Good to about 1e-7 of all light, or 1e-9 when ``tolerance.ee`` is below 1e-6, between 1e-5 of the narrowest and 1e4
-    of the widest core.
+    of the widest core, and out to ``reach`` [mm].
     """
     from scipy import fft
 
-    points = _POINTS[tolerance.ee < _COARSE_ENOUGH]
     widths = [term.width for term in scatter_terms(surfaces, telescope, wavelength)]
+    below = max(_DECADES_BELOW, _DECADES_BEYOND + math.log10(reach / max(widths)))
+    points = int(_POINTS[tolerance.ee < _COARSE_ENOUGH] * max(1.0, below / _DECADES_BELOW))
     log_q = np.linspace(
-        -math.log(2.0 * math.pi * max(widths)) - _DECADES_BELOW * math.log(10.0),
+        -math.log(2.0 * math.pi * max(widths)) - below * math.log(10.0),
         -math.log(2.0 * math.pi * min(widths)) + _DECADES_ABOVE * math.log(10.0),
         points,
     )
@@ -151,20 +153,16 @@ def _scattered_inside(
     for first in range(0, rays.x.size, _RAYS_AT_ONCE):
         part = slice(first, first + _RAYS_AT_ONCE)
         x, y, share = rays.x[part], rays.y[part], rays.share[part]
-        corners = (
-            _corner(encircled, x_stop - x, y_stop - y)
-            - _corner(encircled, x_start - x, y_stop - y)
-            - _corner(encircled, x_stop - x, y_start - y)
-            + _corner(encircled, x_start - x, y_start - y)
-        )
-        inside += float(share @ corners)
+        to_x, to_y = np.stack([x_stop - x, x_start - x]), np.stack([y_stop - y, y_start - y])
+        corners = _corner(encircled, np.tile(to_x, (2, 1)), np.repeat(to_y, 2, axis=0))
+        inside += float(np.array([1.0, -1.0, -1.0, 1.0]) @ corners @ share)
     return inside
 
 
 def _corner(encircled: EncircledEnergy, x: Real, y: Real) -> Real:
     """I(X, Y), the energy in the rectangle from the origin to (X, Y), odd in both; shape of ``x``."""
     X, Y = np.abs(x), np.abs(y)
-    near, far = np.concatenate([X, Y]), np.concatenate([Y, X])
+    near, far = np.stack([X, Y]), np.stack([Y, X])
     # t = asinh-like substitution R = near cosh(s): dt = ds/cosh(s) stays smooth however long the rectangle
     with np.errstate(divide="ignore", invalid="ignore"):
         longest = np.arcsinh(np.where(near > 0.0, far / near, 0.0))
@@ -173,4 +171,4 @@ def _corner(encircled: EncircledEnergy, x: Real, y: Real) -> Real:
         node, weight = gauss_legendre(count)
         cosh = np.cosh(0.5 * longest[some, None] * (node + 1.0))
         total[some] = 0.5 * longest[some] * ((encircled.within(near[some, None] * cosh) / cosh) @ weight)
-    return np.sign(x) * np.sign(y) * total.reshape(2, -1).sum(axis=0) / (2.0 * math.pi)
+    return np.sign(x) * np.sign(y) * total.sum(axis=0) / (2.0 * math.pi)

@@ -101,9 +101,9 @@ def patches_apart(
 
 @dataclass(frozen=True, slots=True)
 class _Rings:
-    """Rings between the pupil radii ``rho`` (n + 1,): how far apart rays land, in the worst place.
+    """A table of rings between the pupil radii ``rho`` (n + 1,): how far a ray lands from the next, in the worst place.
 
-    ``radial`` [mm] across a ring, ``azimuthal`` [mm/rad] along it, and the part of it ``inside`` a window, all (n,).
+    ``radial`` [mm] across the ring, ``azimuthal`` [mm/rad] along it, the part of the ring ``inside`` a window; (n,).
     """
 
     rho: Real
@@ -149,19 +149,21 @@ def _ring(
     azimuth, slice_weight = azimuth.reshape(-1, _SIDE), slice_weight.reshape(-1, _SIDE)
     side = min(radii, _SIDE)
     for row, row_lit in zip(rho.reshape(-1, side), lit.reshape(-1, side), strict=True):
-        x, y = _landing(image, row[[0, side // 2, -1]], azimuth[:, [0, _SIDE // 2, -1]])
-        seen = np.flatnonzero(_near_window(x, y, spacing, window))
+        seen = np.flatnonzero(
+            _near_window(*_landing(image, row[[0, side // 2, -1]], azimuth[:, [0, _SIDE // 2, -1]]), spacing, window)
+        )
         for first in range(0, seen.size, _PATCHES_AT_ONCE):
             some = seen[first : first + _PATCHES_AT_ONCE]
             share = row_lit[:, None] * slice_weight[some, None, :]
             yield RayBundle(share.reshape(some.size, -1), *_landing(image, row, azimuth[some]))
 
 
-def _landing(image: GeometricalImage, rho: Real, azimuth: Real) -> list[Real]:
-    """Where the rays of patches land, x and y (patch, ray), at radii ``rho`` and azimuths (patch, azimuth)."""
+def _landing(image: GeometricalImage, rho: Real, azimuth: Real) -> tuple[Real, Real]:
+    """X and y of the rays of patches (patch, ray) at radii ``rho`` and azimuths (patch, azimuth)."""
     fans = ray_fans(image.telescope, image.field, azimuth.ravel())
     shape = rho.size, *azimuth.shape
-    return [np.moveaxis(along_fans(f, rho).reshape(shape), 1, 0).reshape(azimuth.shape[0], -1) for f in fans]
+    x, y = (np.moveaxis(along_fans(f, rho).reshape(shape), 1, 0).reshape(azimuth.shape[0], -1) for f in fans)
+    return x, y
 
 
 def _near_window(x: Real, y: Real, spacing: float, window: Window) -> NDArray[np.bool_]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.cells import scattered_in_cells
-from psfcli.image.composite import CompositeImage, composite_image, narrow_error
+from psfcli.image.composite import CompositeImage, composite_images, narrow_error
 from psfcli.image.ensquared import ensquared_energy, unaberrated_energy
 from psfcli.image.geometric import GeometricalImage, geometrical_image
 from psfcli.image.grid import Detector
@@ -72,12 +72,20 @@ def wavelength_scatter(
     return WavelengthScatter(
         halo=halo,
         finer=finer,
-        squares=square_response(halo.mixture, half_width),
+        squares=replace(square_response(halo.mixture, halo.held(half_width)), half_width=half_width),
         judged=judged,
-        judge=square_response(finer.mixture, half_width[judged]),
-        energy_error=float(difference.max(initial=0.0)) if rough else 0.0,
+        judge=square_response(finer.mixture, finer.held(half_width[judged])),
+        energy_error=max(float(difference.max(initial=0.0)), _beyond(finer, half_width)) if rough else 0.0,
         density_error=_density_error(halo, finer, reach) if rough else (np.zeros(1), np.zeros(1)),
-        encircled=encircled_energy(surfaces, telescope, wavelength, tolerance) if rough and with_cube else None,
+        encircled=encircled_energy(surfaces, telescope, wavelength, reach, tolerance) if rough and with_cube else None,
+    )
+
+
+def _beyond(halo: Halo, half_width: Real) -> float:
+    """The light that no square holds though some are larger than the ``halo`` reaches."""
+    largest = half_width[-1:]
+    return float(
+        np.max(np.abs(1.0 - unaberrated_energy(halo, largest)), where=halo.held(largest) < largest, initial=0.0)
     )
 
 
@@ -93,31 +101,30 @@ def field_images(
     """The images of ``fields``: ensquared energy, errors reached and, ``with_cube``, pixels and the light outside."""
     points = [geometrical_image(telescope, field) for field in fields]
     energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance)
-    for point, (ensquared, scattered, error) in zip(points, energies, strict=True):
+    images = composite_images(points, scatter.halo, detector, tolerance) if with_cube else [None] * len(points)
+    for point, image, (ensquared, scattered, error) in zip(points, images, energies, strict=True):
         centres = list(scattered)
         truth = scatter.judge.energy(point, centres, tolerance.ee / _REFINEMENT)
         used = np.array([scattered[centre][scatter.judged] for centre in centres])
         error += max(float(np.max(np.abs(used - truth), initial=0.0)), scatter.energy_error)
-        yield _field_image(point, ensquared, error, scatter, detector, tolerance, with_cube=with_cube)
+        yield _field_image(point, image, ensquared, error, scatter, detector, tolerance)
 
 
 def _field_image(
     point: GeometricalImage,
+    image: CompositeImage | None,
     ensquared: EnsquaredEnergy,
     ee_error: float,
     scatter: WavelengthScatter,
     detector: Detector,
     tolerance: Tolerance,
-    *,
-    with_cube: bool,
 ) -> FieldImage:
-    """The image of one point, whose ensquared energy and its error are known."""
+    """The image of one point, whose ensquared energy and its error are known, as are its pixels if asked for."""
     halo = scatter.halo
     psf = psf_over = outside = None
     pixel_error = 0.0
     ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width.min(initial=math.inf)))
-    if with_cube:
-        image = composite_image(point, halo, detector, tolerance)
+    if image is not None:
         fine = image.light
         corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
         pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
@@ -125,6 +132,9 @@ def _field_image(
         pixel_error += float(np.max(difference, where=radius <= corner, initial=0.0))  # no blur makes it larger
         pixel_error += _probed_error(image, point, scatter, detector, tolerance)
         pixel_error += image.unresolved
+        if float(fine.min()) < 0.0:  # only where the ripples of the horizon are all there is
+            pixel_error = max(pixel_error, 1.0)
+            np.maximum(fine, 0.0, out=fine)
         if image.error > tolerance.ee:
             pixel_error += (image.error - tolerance.ee) / float(fine.max())
         n, m = detector.pixels, detector.oversample

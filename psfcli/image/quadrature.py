@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ _SLICES_AT_ONCE = 1024
 _LEAST_SHARE = 0.1  # few slices hold a kink of any one function: each may use this share of the tolerance
 _BEND = 0.4  # of the change in curvature, in units of a twelfth of the slice: about what a kink there takes
 _KINK_GAIN = 2.0  # from a slice to its halves a kink's error falls by 2^(3/2) to 4
+_PLACE = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # of Simpson's nodes on the halves of a slice
+_PLACE_WEIGHT = np.array([1.0, 4.0, 2.0, 4.0, 1.0]) / 12.0
 
 
 @lru_cache(maxsize=256)
@@ -28,7 +31,7 @@ def gauss_legendre(count: int) -> tuple[Real, Real]:
 
 
 def gauss_panels(count: int, largest: int = _LARGEST_PANEL) -> tuple[Real, Real]:
-    """Nodes and weights on (-1, 1), at least ``count``: Gauss's rule on equal panels of at most ``largest`` nodes."""
+    """Nodes and weights on (-1, 1), ``count`` or more, of Gauss's rule on equal panels of at most ``largest`` nodes."""
     panels = 1 + (count - 1) // largest
     node, weight = gauss_legendre(-(-count // panels))
     start = -1.0 + 2.0 * np.arange(panels)[:, None] / panels
@@ -54,17 +57,23 @@ def gauss_rule(x: Real, mass: Real, count: int) -> tuple[Real, Real]:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A quadrature rule for several groups of functions: ``node``, ``weight`` and ``group`` of one shape; the
+    """A quadrature rule for several groups of functions: slices from ``left`` to ``right`` of each ``group``; the
 
     ``integral`` (groups, functions) of each function it was made for, and the estimated ``error`` (groups,) of the
     worst in each group.
     """
 
-    node: Real
-    weight: Real
+    left: Real
+    right: Real
     group: Index
     integral: Real
     error: Real
+
+    def nodes(self, group: int) -> tuple[Real, Real]:
+        """Nodes and weights of Simpson's rule on the halves of all slices of a ``group``."""
+        mine = self.group == group
+        left, width = self.left[mine, None], (self.right - self.left)[mine, None]
+        return (left + _PLACE * width).ravel(), (_PLACE_WEIGHT * width).ravel()
 
 
 def integrate_adaptively(
@@ -75,31 +84,25 @@ def integrate_adaptively(
     Within ``tolerance`` (groups,) for each function. ``functions(node, group)`` gives (nodes, functions); the slices
     of a ``group`` (0, 1, ...) follow one another. Slices are judged one by one, and many small errors may add up to a
     large one: then their groups are done again, more strictly. An error exceeds the tolerance only where it would
-    take more than a reasonable number of nodes.
+    take more than a reasonable number of nodes. A group's rule is the same whatever other groups there are.
     """
     rule = _halved_until(functions, left, right, group, tolerance)
     strictness = np.ones(tolerance.size)
     while True:
         loose = rule.error > tolerance
-        if not loose.any() or rule.node.size > _MOST_NODES * tolerance.size:
+        if not loose.any() or _PLACE.size * rule.left.size > _MOST_NODES * tolerance.size:
             return rule
         strictness[loose] *= 2.0 * np.maximum(2.0, rule.error[loose] / tolerance[loose])
         some = loose[group]
         again = _halved_until(functions, left[some], right[some], group[some], tolerance / strictness)
         keep = ~loose[rule.group]
-        redone = loose[:, None]
         rule = Rule(
-            np.concatenate([rule.node[keep], again.node]),
-            np.concatenate([rule.weight[keep], again.weight]),
+            np.concatenate([rule.left[keep], again.left]),
+            np.concatenate([rule.right[keep], again.right]),
             np.concatenate([rule.group[keep], again.group]),
-            np.where(redone, _padded(again.integral, loose.size), rule.integral),
-            np.where(loose, _padded(again.error, loose.size), rule.error),
+            np.where(loose[:, None], again.integral, rule.integral),
+            np.where(loose, again.error, rule.error),
         )
-
-
-def _padded(rows: Real, count: int) -> Real:
-    """``rows`` with rows of zeros added up to ``count``."""
-    return np.concatenate([rows, np.zeros((count - rows.shape[0], *rows.shape[1:]))])
 
 
 def _halved_until(
@@ -112,14 +115,12 @@ def _halved_until(
     to the other counts as well. The error is the sum of the changes over all slices, for the worst function, less what
     the last halving gained.
     """
-    whole = np.bincount(group, right - left)
-    nodes: list[Real] = []
-    weights: list[Real] = []
-    groups: list[Index] = []
-    integral = doubt = np.zeros((whole.size, 1))
+    groups = tolerance.size
+    whole = np.bincount(group, right - left, groups)
+    finished: list[tuple[Real, Real, Index]] = []
+    sums = np.zeros((groups, 1))  # of changes and of integrals
     count = 0
-    for first in range(0, left.size, _SLICES_AT_ONCE):  # a few slices at a time, to the end: little is held
-        part = slice(first, first + _SLICES_AT_ONCE)
+    for part in _parts(group):  # a few slices at a time, to the end: little is held
         a, b, g = left[part], right[part], group[part]
         fa, fm, fb = _at_ends_and_middles(functions, a, b, g)
         count += 3 * a.size
@@ -135,15 +136,11 @@ def _halved_until(
             coarse = 2.0 * twelfth * (outer + 4.0 * fm)
             bend = _BEND * twelfth * (fb - fa + 2.0 * (fl - fr))
             change = np.maximum(np.abs(finer - coarse), np.abs(bend))
-            done = change.max(axis=1) <= tolerance[g] * np.maximum((b - a) / whole[g], _LEAST_SHARE)
-            done |= count > _MOST_NODES * whole.size
-            doubt = doubt + _sum_by_group(change[done], g[done], whole.size)
-            integral = integral + _sum_by_group(finer[done], g[done], whole.size)
-            for place, weight in ((0.0, 1.0), (0.25, 4.0), (0.5, 2.0), (0.75, 4.0), (1.0, 1.0)):
-                nodes.append((a + place * (b - a))[done])
-                weights.append((weight / 12.0 * (b - a))[done])
-                groups.append(g[done])
-            more = ~done
+            good = change.max(axis=1) <= tolerance[g] * np.maximum((b - a) / whole[g], _LEAST_SHARE)
+            good |= count > _MOST_NODES * groups
+            done, more = np.flatnonzero(good), np.flatnonzero(~good)
+            sums = sums + _sum_by_group(np.concatenate([change[done], finer[done]], axis=1), g[done], groups)
+            finished.append((a[done], b[done], g[done]))
             a, b, g = (
                 np.concatenate([a[more], middle[more]]),
                 np.concatenate([middle[more], b[more]]),
@@ -154,13 +151,27 @@ def _halved_until(
                 np.concatenate([fl[more], fr[more]]),
                 np.concatenate([fm[more], fb[more]]),
             )
+    doubt, integral = np.split(sums, 2, axis=1)
+    lefts, rights, of = zip(*finished, strict=True)
     return Rule(
-        np.concatenate(nodes),
-        np.concatenate(weights),
-        np.concatenate(groups),
+        np.concatenate(lefts),
+        np.concatenate(rights),
+        np.concatenate(of),
         integral,
         doubt.max(axis=1, initial=0.0) / _KINK_GAIN,
     )
+
+
+def _parts(group: Index) -> Iterator[slice]:
+    """The slices of whole groups, a few at a time; those of a large ``group`` in parts of their own."""
+    starts = np.flatnonzero(np.diff(group, prepend=-1))
+    pieces = [p for a, b in pairwise([*starts.tolist(), group.size]) for p in range(a, b, _SLICES_AT_ONCE)]
+    first = 0
+    for here, following in pairwise([*pieces, group.size]):
+        if following - first > _SLICES_AT_ONCE:
+            yield slice(first, here)
+            first = here
+    yield slice(first, group.size)
 
 
 def _at_ends_and_middles(

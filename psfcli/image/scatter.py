@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.horizon import horizon_loss
+from psfcli.image.collapse import Collapse, collapse, is_collapsed
+from psfcli.image.horizon import HorizonLoss, clip_change, horizon_loss
 from psfcli.image.quadrature import gauss_rule
 from psfcli.image.result import SurfaceScatter
 from psfcli.surface.harvey_shack import phase_per_height, phase_variance, relative_rms, total_integrated_scatter
@@ -25,17 +26,17 @@ from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
 
-_COLLAPSED = 2e-4  # d_j over reach below which a surface's scatter is a point (limit h2 -> 0 of Eq. 37)
+_CLIP_SHARE = 0.05  # of the tolerance: a clip that takes less is not modelled
 
 
 @dataclass(frozen=True, slots=True)
 class Halo:
     """Scattered light as a mixture that holds for distances up to ``reach`` [mm], and the unscattered share.
 
-    The mixture integrates to the scattered light only together with what lies beyond ``reach``. ``left`` holds
-    distances [mm] and relative errors there that a finer mixture does not show, ``left_energy`` the energy in them.
-    ``collapsed`` are the TIS and d_j [mm] of surfaces so near the image that all
-    their light stays on the unscattered point; ``unscattered_weight`` includes it, ``specular_fraction`` does not.
+    The mixture integrates to the scattered light only together with what lies beyond. ``left`` holds distances [mm]
+    and relative errors there that a finer mixture does not show, ``left_energy`` the energy in them. ``collapsed`` are
+    the surfaces so near the image that all their light stays on the unscattered point; ``unscattered_weight`` includes
+    it, ``specular_fraction`` does not.
     """
 
     mixture: GaussianMixture
@@ -44,7 +45,11 @@ class Halo:
     reach: float
     left: tuple[Real, Real]
     left_energy: float
-    collapsed: tuple[tuple[float, float], ...]
+    collapsed: tuple[Collapse, ...]
+
+    def held(self, half_width: Real) -> Real:
+        """The squares of ``half_width`` [mm] no larger than the mixture holds: what lies beyond belongs to them all."""
+        return np.minimum(half_width, self.reach / math.sqrt(2.0))
 
     def hidden_error(self, distance: float) -> float:
         """The largest relative error within ``distance`` [mm] that a finer mixture does not show."""
@@ -53,7 +58,7 @@ class Halo:
 
     def collapse_error(self, length: float) -> float:
         """The light, of all, that the collapse may move across an edge of a cell or box of size ``length`` [mm]."""
-        return sum(tis * min(1.0, d / length) for tis, d in self.collapsed)
+        return sum(each.error(length) for each in self.collapsed)
 
 
 def scatter_table(surfaces: Sequence[Surface], telescope: Telescope, wavelength: float) -> tuple[SurfaceScatter, ...]:
@@ -70,6 +75,18 @@ def scatter_table(surfaces: Sequence[Surface], telescope: Telescope, wavelength:
         )
         for surface in surfaces
     )
+
+
+def clip_is_seen(
+    surfaces: Sequence[Surface], telescope: Telescope, wavelength: float, reach: float, tolerance: Tolerance
+) -> tuple[bool, Tolerance]:
+    """Whether the clip at the horizon is modelled, and a bound of what it changes within ``reach`` [mm].
+
+    Not where that is below a share of the ``tolerance``.
+    """
+    terms = scatter_terms(surfaces, telescope, wavelength)
+    change = clip_change(surfaces, terms, telescope, wavelength, reach) if terms else Tolerance(0.0, 0.0)
+    return change.pixel > _CLIP_SHARE * tolerance.pixel or change.ee > _CLIP_SHARE * tolerance.ee, change
 
 
 def scatter_term(surface: Surface, psd: KCorrelation, telescope: Telescope, wavelength: float) -> ScatterTerm:
@@ -105,8 +122,10 @@ def scattered_light(
     ``tolerance.ee``, both within a fraction that leaves room for the other steps.
     """
     rows = scatter_table(surfaces, telescope, wavelength)
-    near = [row.magnified_distance < _COLLAPSED * reach for row in rows]
-    collapsed = tuple((row.tis, row.magnified_distance) for row, is_near in zip(rows, near, strict=True) if is_near)
+    near = [is_collapsed(row.magnified_distance, reach) for row in rows]
+    collapsed = tuple(
+        collapse(surface, telescope, wavelength) for surface, is_near in zip(surfaces, near, strict=True) if is_near
+    )
     surfaces = [surface for surface, is_near in zip(surfaces, near, strict=True) if not is_near]
     total_variance = sum(phase_variance(surface, wavelength) for surface in surfaces)
     terms = scatter_terms(surfaces, telescope, wavelength)
@@ -127,7 +146,8 @@ def scattered_light(
     density, doubt = mixing_density(variance, terms, total_variance)
     weight, variance = _without_empty_core(step * density, variance, share)
     mixture = _merge_wide_terms(GaussianMixture(weight, variance), reach)
-    loss = horizon_loss(surfaces, telescope, wavelength, mixture, reach, share)
+    seen, change = clip_is_seen(surfaces, telescope, wavelength, reach, tolerance)
+    loss = horizon_loss(surfaces, telescope, wavelength, mixture, reach) if seen else HorizonLoss.ignored(change)
     return Halo(
         GaussianMixture(
             np.append(mixture.weight, -loss.mixture.weight), np.append(mixture.variance, loss.mixture.variance)

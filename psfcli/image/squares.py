@@ -51,10 +51,10 @@ class SquareResponse:
         """
         if self.mixture.weight.size == 0 or self.half_width.size == 0:
             return np.zeros((len(centres), self.half_width.size))
-        moments = [_even_moments(point, centre) for centre in centres]
-        last = max(_last_order(moment) for moment in moments)
-        first = int(np.count_nonzero(self.remainder * last > _SHARE * tolerance))
-        paired = np.array([[m[a, b] + (m[b, a] if a != b else 0.0) for a, b in _PAIRS] for m in moments])
+        moments = _even_moments(point, centres)
+        first = int(np.count_nonzero(self.remainder * _last_order(moments) > _SHARE * tolerance))
+        a, b = np.array(_PAIRS).T // 2
+        paired = moments[:, a, b] + np.where(a != b, moments[:, b, a], 0.0)
         energy: Real = paired @ self.response[first]
         if first:
             narrow = GaussianMixture(self.mixture.weight[:first], self.mixture.variance[:first])
@@ -81,17 +81,26 @@ def square_response(mixture: GaussianMixture, half_width: Real) -> SquareRespons
     )
 
 
-def _even_moments(point: GeometricalImage, centre: tuple[float, float]) -> Real:
-    """E[dx^a dy^b]/(a! b!) about ``centre`` for even a and b, zero for odd: shape (MAX_MOMENT + 1,) * 2."""
+def _even_moments(point: GeometricalImage, centres: Sequence[tuple[float, float]]) -> Real:
+    """E[dx^a dy^b]/(a! b!) about each of the ``centres`` for even a and b: shape (centre, a/2, b/2)."""
     rays = point.rays
-    x = np.vander((rays.x - centre[0]) ** 2, MAX_MOMENT // 2 + 1, increasing=True) / _FACTORIAL[::2]
-    y = np.vander((rays.y - centre[1]) ** 2, MAX_MOMENT // 2 + 1, increasing=True) / _FACTORIAL[::2]
-    moments = np.zeros((MAX_MOMENT + 1, MAX_MOMENT + 1))
-    moments[::2, ::2] = (x.T * rays.share) @ y
+    x, y = (
+        _powers((of_rays - of_centres[:, None]) ** 2) / _FACTORIAL[::2, None, None]
+        for of_rays, of_centres in zip((rays.x, rays.y), np.array(centres).T, strict=True)
+    )
+    moments: Real = (x * rays.share).swapaxes(0, 1) @ np.moveaxis(y, 0, 2)
     return moments
 
 
+def _powers(x: Real) -> Real:
+    """x^0 to x^(MAX_MOMENT/2), shape (power, *x.shape)."""
+    powers = np.ones((MAX_MOMENT // 2 + 1, *x.shape))
+    for n in range(1, len(powers)):
+        np.multiply(powers[n - 1], x, out=powers[n])
+    return powers
+
+
 def _last_order(moments: Real) -> float:
-    """A bound of the terms of order MAX_MOMENT for unit width and weight."""
+    """A bound of the terms of order MAX_MOMENT for unit width and weight about any centre."""
     a = np.arange(0, MAX_MOMENT + 1, 2)
-    return float(np.sum(moments[a, MAX_MOMENT - a] * _LARGEST[a] * _LARGEST[MAX_MOMENT - a]))
+    return float(np.max(moments[:, a // 2, (MAX_MOMENT - a) // 2] @ (_LARGEST[a] * _LARGEST[MAX_MOMENT - a])))

@@ -7,6 +7,8 @@ a corner of the cell, the rim or a fold, so slices are halved where they matter 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +16,13 @@ from numpy.typing import NDArray
 from psfcli.image.crossings import pieces_between
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.quadrature import integrate_adaptively
+from psfcli.telescope.aberration import transverse_aberration_along_azimuths
+from psfcli.telescope.system import Telescope
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 Assignment = tuple[Index, Real]  # cells of pieces (-1: none) and the part of each piece's share that lands there
+Window = tuple[slice, slice]  # rows and columns of a grid
 
 _FEWEST_SLICES = 48
 _FANS_AT_ONCE = 2048
@@ -29,44 +34,126 @@ def unscattered_on_grid(point: GeometricalImage, edges_x: Real, edges_y: Real, t
 
     A piece on an edge, such as the whole of a perfect image on a pixel corner, is shared by both sides.
     """
-    rows, columns = edges_y.size - 1, edges_x.size - 1
-    symmetric = point.mirror_symmetric and np.allclose(edges_x, -edges_x[::-1], rtol=0.0, atol=1e-12)
+    whole = slice(0, edges_y.size - 1), slice(0, edges_x.size - 1)
+    return unscattered_in_windows([point], edges_x, edges_y, [whole], np.array([tolerance]))[0]
 
-    def per_fan(azimuth: Real, modulus: int, power: Real | None = None) -> Real:
-        """The light of each fan per cell modulo ``modulus``; with the ``power`` of each fan, their sum (1, modulus)."""
-        pieces = pieces_between(point.telescope, point.field, azimuth, edges_x, edges_y)
-        fan = pieces.fan if power is None else np.zeros_like(pieces.fan)
-        share = pieces.share if power is None else pieces.share * power[pieces.fan]
-        light = np.zeros((azimuth.size if power is None else 1) * modulus)
-        for column, column_part in _cells(pieces.x, edges_x):
-            for row, row_part in _cells(pieces.y, edges_y):
-                amount = share * (row_part * column_part)
-                lit = (amount > 0.0) & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-                place = fan[lit] * modulus + (row[lit] * columns + column[lit]) % modulus
-                light += np.bincount(place, amount[lit], light.size)
-        return light.reshape(-1, modulus)
 
-    start, stop = lit_azimuths(point, half=symmetric)
-    if point.is_a_point:
-        return per_fan(np.array([start]), rows * columns)[0].reshape(rows, columns), 0.0
-    bounds = np.linspace(start, stop, slice_count(start, stop, tolerance) + 1)
-    modulus = min(rows * columns, _BUCKETS)
-    rule = integrate_adaptively(
-        lambda azimuth, _: per_fan(azimuth, modulus),
-        bounds[:-1],
-        bounds[1:],
-        np.zeros(bounds.size - 1, dtype=np.intp),
-        np.array([tolerance * (stop - start)]),
-    )
-    if modulus == rows * columns:
-        energy = rule.integral[0]
-    else:
-        energy = np.zeros(rows * columns)
-        for first in range(0, rule.node.size, _FANS_AT_ONCE):
-            part = slice(first, first + _FANS_AT_ONCE)
-            energy += per_fan(rule.node[part], energy.size, rule.weight[part])[0]
-    grid = (energy / (stop - start)).reshape(rows, columns)
-    return (0.5 * (grid + grid[:, ::-1]) if symmetric else grid), float(rule.error[0]) / (stop - start)
+def unscattered_in_windows(
+    points: Sequence[GeometricalImage], edges_x: Real, edges_y: Real, windows: Sequence[Window], tolerance: Real
+) -> list[tuple[Real, float]]:
+    """The same for each of the ``points`` in its own window of one uniform grid, within its ``tolerance`` (point,).
+
+    All points are of one telescope: they are integrated together, which costs less than one by one and changes nothing.
+    """
+    if not points:
+        return []
+    landings = _Landings.of(points, edges_x, edges_y, windows)
+    symmetric = [
+        point.mirror_symmetric and np.allclose(own := edges_x[columns.start : columns.stop + 1], -own[::-1], 0.0, 1e-12)
+        for point, (_, columns) in zip(points, windows, strict=True)
+    ]
+    bounds = np.array([lit_azimuths(point, half=half) for point, half in zip(points, symmetric, strict=True)])
+    result = {n: (landings.of_one_fan(n, start), 0.0) for n, (start, _) in enumerate(bounds) if points[n].is_a_point}
+    extended = np.array([n for n in range(len(points)) if n not in result], dtype=np.intp)
+    if extended.size:
+        start, stop = bounds[extended].T
+        slices = [
+            np.linspace(a, b, slice_count(a, b, t) + 1)
+            for a, b, t in zip(start, stop, tolerance[extended], strict=True)
+        ]
+        modulus = np.minimum(landings.cells, _BUCKETS)
+        rule = integrate_adaptively(
+            lambda azimuth, group: landings.per_fan(azimuth, extended[group], modulus),
+            np.concatenate([edges[:-1] for edges in slices]),
+            np.concatenate([edges[1:] for edges in slices]),
+            np.repeat(np.arange(extended.size), [edges.size - 1 for edges in slices]),
+            tolerance[extended] * (stop - start),
+        )
+        for group, n in enumerate(extended.tolist()):
+            known = landings.cells[n] == modulus[n]
+            energy = rule.integral[group, : modulus[n]] if known else landings.summed(n, *rule.nodes(group))
+            lit = float(stop[group] - start[group])
+            grid = (energy / lit).reshape(landings.shape[n])
+            result[n] = 0.5 * (grid + grid[:, ::-1]) if symmetric[n] else grid, float(rule.error[group]) / lit
+    return [result[n] for n in range(len(points))]
+
+
+@dataclass(frozen=True, slots=True)
+class _Landings:
+    """Where the fans of several points land on a grid, each seen in its own window.
+
+    ``relative_field`` (point, 2); ``first`` and ``shape`` (point, 2) are the row and column at which a window begins,
+    and how many it has.
+    """
+
+    telescope: Telescope
+    relative_field: Real
+    edges_x: Real
+    edges_y: Real
+    first: Index
+    shape: Index
+
+    @classmethod
+    def of(
+        cls, points: Sequence[GeometricalImage], edges_x: Real, edges_y: Real, windows: Sequence[Window]
+    ) -> _Landings:
+        """The landings of ``points`` of one telescope in their ``windows``."""
+        telescope = points[0].telescope
+        first, stop = (np.array([[getattr(p, end) for p in window] for window in windows]) for end in ("start", "stop"))
+        (row, column), (last_row, last_column) = first.min(axis=0), stop.max(axis=0)  # of all windows together
+        return cls(
+            telescope,
+            np.array([telescope.relative_field(point.field) for point in points]),
+            edges_x[column : last_column + 1],
+            edges_y[row : last_row + 1],
+            first - (row, column),
+            stop - first,
+        )
+
+    @property
+    def cells(self) -> Index:
+        """How many cells each window has."""
+        return np.prod(self.shape, axis=1)
+
+    def per_fan(self, azimuth: Real, point: Index, modulus: Index) -> Real:
+        """The light of the fan along each ``azimuth`` of its ``point``, per cell modulo the point's ``modulus``."""
+        fan, cell, amount = self._amounts(azimuth, point)
+        columns = int(modulus.max())
+        place = fan * columns + cell % modulus[point[fan]]
+        light = np.bincount(place, amount, azimuth.size * columns)
+        return light.reshape(-1, columns).astype(np.float64, copy=False)  # counts of nothing are integers
+
+    def summed(self, point: int, azimuth: Real, power: Real) -> Real:
+        """The light of fans of one ``point`` per cell, each times its ``power``."""
+        light = np.zeros(self.cells[point])
+        for start in range(0, azimuth.size, _FANS_AT_ONCE):
+            part = slice(start, start + _FANS_AT_ONCE)
+            fan, cell, amount = self._amounts(azimuth[part], np.full(azimuth[part].size, point))
+            light += np.bincount(cell, amount * power[part][fan], light.size)
+        return light
+
+    def of_one_fan(self, point: int, azimuth: float) -> Real:
+        """The light of one fan, in the shape of the point's window."""
+        return self.summed(point, np.array([azimuth]), np.ones(1)).reshape(self.shape[point])
+
+    def _amounts(self, azimuth: Real, point: Index) -> tuple[Index, Index, Real]:
+        """The light that lands: index of the fan, of the cell in its point's window, and share of the fan's light."""
+        telescope = self.telescope
+        fans = transverse_aberration_along_azimuths(
+            telescope.seidel, tuple(self.relative_field[point].T), azimuth, telescope.image_slope
+        )
+        pieces = pieces_between(*fans, telescope.pupil.obscuration, self.edges_x, self.edges_y)
+        of = point[pieces.fan]
+        (first_row, first_column), (rows, columns) = self.first[of].T, self.shape[of].T
+        found = []
+        for column, column_part in _cells(pieces.x, self.edges_x):
+            for row, row_part in _cells(pieces.y, self.edges_y):
+                amount = pieces.share * (row_part * column_part)
+                i, j = row - first_row, column - first_column
+                lit = (amount > 0.0) & (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
+                found.append((pieces.fan[lit], (i * columns + j)[lit], amount[lit]))
+        fan, cell, share = (np.concatenate(some) for some in zip(*found, strict=True))
+        return fan, cell, share
 
 
 def lit_azimuths(point: GeometricalImage, *, half: bool) -> tuple[float, float]:
@@ -85,10 +172,12 @@ def slice_count(start: float, stop: float, tolerance: float) -> int:
     return 4 * math.ceil(0.25 * max(_FEWEST_SLICES, 0.1 * (stop - start) / math.sqrt(tolerance)))
 
 
-def _cells(position: Real, edges: Real) -> tuple[Assignment, Assignment]:
-    """The two candidate cells of each position with their parts: all in one, or half and half on an edge."""
+def _cells(position: Real, edges: Real) -> Iterator[Assignment]:
+    """The candidate cells of each position with their parts: all in one, or half and half on an edge."""
     coordinate = (position - edges[0]) / (edges[-1] - edges[0]) * (edges.size - 1)
     nearest = np.rint(coordinate)
     on_edge = np.abs(coordinate - nearest) < 1e-9
     cell = np.where(on_edge, nearest, np.floor(coordinate)).astype(np.intp)
-    return (cell, np.where(on_edge, 0.5, 1.0)), (cell - 1, np.where(on_edge, 0.5, 0.0))
+    yield cell, np.where(on_edge, 0.5, 1.0)
+    if on_edge.any():
+        yield cell - 1, np.where(on_edge, 0.5, 0.0)

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from psfcli.image.collapse import collapse, is_collapsed
 from psfcli.image.grid import Detector
-from psfcli.image.scatter import scatter_term, term_shape
+from psfcli.image.scatter import clip_is_seen, scatter_term, term_shape
 from psfcli.planning.displacement import Sensitivity
 from psfcli.planning.sharing import Computation
 from psfcli.planning.smoothness import Place, Smoothness
@@ -78,6 +79,39 @@ def scatter_effects(
     twice = -math.expm1(-G) - G * math.exp(-G)
     because = "light scattered more than once, in the exponential of Eq. 29" if G else "nothing scatters"
     yield Effect(f"multiple scatter{place}", G > 0.0, twice, math.inf if G else 0.0, because, "nothing")
+
+
+def reach_effects(
+    surfaces: Sequence[Surface],
+    telescope: Telescope,
+    wavelength: float,
+    reach: float,
+    smallest: float,
+    tolerance: Tolerance,
+    place: str,
+) -> Iterator[Effect]:
+    """How far the ``surfaces`` that scatter spread light, and where their spectra end; ``place`` as above.
+
+    ``reach`` [mm] is the farthest distance asked for, ``smallest`` [mm] the smallest sub-pixel or half width.
+    """
+    spread = []
+    for surface in surfaces:
+        if not surface.psd:
+            continue
+        d = telescope.magnified_distance(surface.marginal_height)
+        moved = collapse(surface, telescope, wavelength).error(smallest)
+        name, seen = f"spread of {surface.name}{place}", not is_collapsed(d, reach)
+        if seen:
+            spread.append(surface)
+        because = f"lands within d_j = {d:.4g} mm" + ("" if seen else ", a point: joins the unscattered light")
+        yield Effect(name, seen, moved, math.inf if seen else moved, because, "its terms of the mixture")
+    name = f"horizon{place}"
+    if not spread:
+        yield Effect(name, False, 0.0, 0.0, "nothing scatters", "wide Gaussians")
+        return
+    seen, change = clip_is_seen(spread, telescope, wavelength, reach, tolerance)
+    because = "the clip of H at 1/lambda " + ("may be seen far out" if seen else "takes too little to be seen")
+    yield Effect(name, seen, change.ee, change.pixel if change.pixel < 1.0 else math.inf, because, "wide Gaussians")
 
 
 def aberration_effects(sizes: Mapping[str, float], worth: Sensitivity, *, modelled: bool) -> Iterator[Effect]:

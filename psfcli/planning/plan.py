@@ -14,7 +14,14 @@ from psfcli.image.grid import Detector
 from psfcli.image.result import SurfaceScatter
 from psfcli.image.scatter import scatter_table
 from psfcli.planning.displacement import displacements, sensitivity
-from psfcli.planning.effects import Effect, aberration_effects, grid_effects, image_effects, scatter_effects
+from psfcli.planning.effects import (
+    Effect,
+    aberration_effects,
+    grid_effects,
+    image_effects,
+    reach_effects,
+    scatter_effects,
+)
 from psfcli.planning.resources import Resources, resources
 from psfcli.planning.sharing import Computation, each_by_itself, shared_computations
 from psfcli.planning.smoothness import Smoothness, smooth_enough
@@ -28,6 +35,8 @@ Real = NDArray[np.float64]
 SHARE = 0.05
 """Of the accuracy asked for, what all skipped scatter may take, and as much all skipped aberrations."""
 
+_HORIZONS = 9.0  # d_j: light goes no farther, but for ripples of the clip that nobody needs
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
@@ -38,9 +47,9 @@ class Plan:
     all the rest changes. ``computations`` are the images computed, each with those it stands for; ``effects`` tells all
     this in words.
 
-    ``reach`` [mm] is the farthest distance from the image point that anything asks for; ``half_widths`` [mm] the boxes,
-    increasing, none where no product holds them; ``scatter`` one row of surfaces and ``specular_fractions`` one number
-    per wavelength; ``warnings`` one line each.
+    ``reach`` [mm] is the farthest distance from the image point that anything asks for, or ``lit_to``, beyond which no
+    light lands; ``half_widths`` [mm] the boxes, increasing, none where no product holds them; ``scatter`` one row of
+    surfaces and ``specular_fractions`` one number per wavelength; ``warnings`` one line each.
     """
 
     telescope: Telescope
@@ -52,6 +61,7 @@ class Plan:
     with_cube: bool
     half_widths: Real
     reach: float
+    lit_to: float
     scatter: tuple[tuple[SurfaceScatter, ...], ...]
     specular_fractions: tuple[float, ...]
     modelled_telescope: Telescope
@@ -104,15 +114,15 @@ def plan_scene(
     boxes = boxes if with_boxes else boxes[:0]
     sizes = displacements(telescope, fields)
     farthest = sum(sizes.values())
-    reach = (
-        max(math.sqrt(2.0) * float(boxes.max(initial=0.0)), detector.farthest() if with_cube else 0.0) + 2.0 * farthest
-    )
     scatter = tuple(scatter_table(surfaces, telescope, wavelength) for wavelength in wavelengths)
     specular_fractions = tuple(math.exp(-sum(row.g for row in rows)) for rows in scatter)
     share = 0.0 if everything else SHARE
     allowed = Tolerance(share * tolerance.pixel, share * tolerance.ee)
     pixels_to = detector.farthest() + 2.0 * farthest if with_cube else 0.0
     smooth = tuple(smooth_enough(surfaces, telescope, wavelength, pixels_to, allowed) for wavelength in wavelengths)
+    asked = max(math.sqrt(2.0) * float(boxes.max(initial=0.0)), detector.farthest() if with_cube else 0.0)
+    lit_to = _lit_to(telescope, [surface for each in smooth for surface in each.surfaces])
+    reach = min(asked + 2.0 * farthest, lit_to)
     worth = sensitivity(
         {wavelength: each.surfaces for wavelength, each in zip(wavelengths, smooth, strict=True)},
         telescope,
@@ -123,6 +133,7 @@ def plan_scene(
     displaced = worth.change(farthest) if farthest else Tolerance(0.0, 0.0)
     unaberrated = not everything and displaced.pixel <= allowed.pixel and displaced.ee <= allowed.ee
     modelled = replace(telescope, seidel=SeidelTable()) if unaberrated else telescope
+    smallest = min(float(boxes.min(initial=math.inf)), detector.sub_pixel if with_cube else math.inf)
     shifted = displaced if unaberrated else Tolerance(0.0, 0.0)
     rough = [each.scatters for each in smooth]
     computations = (
@@ -140,6 +151,7 @@ def plan_scene(
         with_cube=with_cube,
         half_widths=boxes,
         reach=reach,
+        lit_to=lit_to,
         scatter=scatter,
         specular_fractions=specular_fractions,
         modelled_telescope=modelled,
@@ -158,6 +170,7 @@ def plan_scene(
         ),
         effects=(
             *_scatter_effects(surfaces, telescope, wavelengths, smooth),
+            *_reach_effects(smooth, telescope, wavelengths, reach, smallest, tolerance),
             *aberration_effects(sizes, worth, modelled=modelled.seidel != SeidelTable()),
             *image_effects(computations, _field_names(telescope, fields), _wavelength_names(wavelengths)),
             *grid_effects(detector, with_cube=with_cube, boxes=int(boxes.size), distance=reach),
@@ -166,12 +179,34 @@ def plan_scene(
     )
 
 
+def _lit_to(telescope: Telescope, surfaces: Sequence[Surface]) -> float:
+    """The distance [mm] beyond the horizons of all ``surfaces`` that scatter within which light lands; inf if none."""
+    distances = (telescope.magnified_distance(surface.marginal_height) for surface in surfaces if surface.psd)
+    return _HORIZONS * max(distances, default=math.inf)
+
+
 def _scatter_effects(
     surfaces: Sequence[Surface], telescope: Telescope, wavelengths: Sequence[float], smooth: Sequence[Smoothness]
 ) -> Iterator[Effect]:
-    names = [f" at {name}" if len(wavelengths) > 1 else "" for name in _wavelength_names(wavelengths)]
-    for name, wavelength, smoothness in zip(names, wavelengths, smooth, strict=True):
+    for name, wavelength, smoothness in zip(_places(wavelengths), wavelengths, smooth, strict=True):
         yield from scatter_effects(surfaces, telescope, wavelength, smoothness, name)
+
+
+def _reach_effects(
+    smooth: Sequence[Smoothness],
+    telescope: Telescope,
+    wavelengths: Sequence[float],
+    reach: float,
+    smallest: float,
+    tolerance: Tolerance,
+) -> Iterator[Effect]:
+    for name, wavelength, smoothness in zip(_places(wavelengths), wavelengths, smooth, strict=True):
+        yield from reach_effects(smoothness.surfaces, telescope, wavelength, reach, smallest, tolerance, name)
+
+
+def _places(wavelengths: Sequence[float]) -> list[str]:
+    """At which wavelength, in words, where there are several."""
+    return [f" at {name}" if len(wavelengths) > 1 else "" for name in _wavelength_names(wavelengths)]
 
 
 def _wavelength_names(wavelengths: Sequence[float]) -> list[str]:

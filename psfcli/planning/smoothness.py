@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from psfcli.image.scatter import scatter_terms
 from psfcli.surface.autocovariance import decorrelation
-from psfcli.surface.harvey_shack import horizon, phase_per_height, phase_variance
+from psfcli.surface.harvey_shack import horizon, phase_per_height, phase_variance, phase_variance_beyond
 from psfcli.surface.mixture import GaussianMixture, MixtureError, mixing_density, trapezoid_step
 from psfcli.surface.surface import Surface
 from psfcli.telescope.system import Telescope
@@ -178,11 +178,7 @@ def _mean_count(surfaces: Sequence[Surface], wavelength: float) -> float:
 
 def beyond_horizon(surfaces: Sequence[Surface], wavelength: float) -> float:
     """b, the phase variance above the horizon [1]: the unclipped transfer functions hold e^b of the light."""
-    return sum(
-        phase_per_height(s, wavelength) ** 2 * term.band_variance(horizon(s, wavelength), math.inf)
-        for s in surfaces
-        for term in s.psd
-    )
+    return sum(phase_variance_beyond(surface, wavelength) for surface in surfaces)
 
 
 def _phase_variances(surfaces: Sequence[Surface], places: Sequence[Place], wavelength: float) -> tuple[float, float]:

@@ -51,8 +51,13 @@ def write_csv(stream: BinaryIO, blocks: Iterable[NDArray[np.float64]]) -> None:
 
 
 def _lines(block: NDArray[np.float64]) -> Iterator[str]:
-    for row in block.tolist():
-        yield ",".join(map(repr, row)) + "\n"
+    for row in zip(*(_digits(column.tobytes()) for column in block.T), strict=True):
+        yield ",".join(row) + "\n"
+
+
+@lru_cache(maxsize=4 * len(EE_COLUMNS))  # half the columns of one image are those of the next
+def _digits(column: bytes) -> list[str]:
+    return [repr(value) for value in np.frombuffer(column).tolist()]
 
 
 def _block(key: tuple[float, float, float], summary: ImageSummary, pixel: float) -> NDArray[np.float64]:

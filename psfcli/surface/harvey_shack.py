@@ -41,6 +41,15 @@ def phase_variance(surface: Surface, wavelength: float) -> float:
     return (phase_per_height(surface, wavelength) * relative_rms(surface, wavelength)) ** 2
 
 
+def phase_variance_beyond(surface: Surface, wavelength: float) -> float:
+    """The phase variance b [1] of the roughness above the horizon, which does not scatter.
+
+    The transfer function before the clip holds e^b of the light.
+    """
+    edge = horizon(surface, wavelength)
+    return phase_per_height(surface, wavelength) ** 2 * sum(t.band_variance(edge, math.inf) for t in surface.psd)
+
+
 def total_integrated_scatter(surface: Surface, wavelength: float) -> float:
     """TIS = 1 - exp(-g): the fraction of the light that is scattered."""
     return -math.expm1(-phase_variance(surface, wavelength))

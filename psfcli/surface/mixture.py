@@ -75,22 +75,30 @@ def trapezoid_error(step: float, nu: float, total_variance: float) -> float:
     Gamma(p + i omega)/Gamma(p) with p = nu + 1 at the first alias omega = 2 pi/step; n-fold light, a sum of n such v,
     is no narrower in ln v than order n nu. Averaged over Poisson(n; G).
     """
-    omega = 2.0 * math.pi / step
+    return _trapezoid_error(step, *_mellin_orders(nu, total_variance))
+
+
+def _mellin_orders(nu: float, total_variance: float) -> tuple[Real, Real]:
+    """The orders p of the light scattered n times, and how often that is."""
     spread = 10.0 + 10.0 * math.sqrt(total_variance)
     n = np.unique(np.linspace(max(1.0, total_variance - spread), total_variance + spread, 200).astype(int))
     log_poisson = n * math.log(total_variance) - special.gammaln(n + 1.0)
     poisson = np.exp(log_poisson - log_poisson.max())
-    p = n * nu + 1.0
-    alias = 2.0 * np.exp(special.loggamma(p + 1j * omega).real - special.gammaln(p))
-    return float(np.average(alias, weights=poisson))
+    return n * nu + 1.0, poisson / poisson.sum()
+
+
+def _trapezoid_error(step: float, p: Real, poisson: Real) -> float:
+    omega = 2.0 * math.pi / step
+    return float(2.0 * np.exp(special.loggamma(p + 1j * omega).real - special.gammaln(p)) @ poisson)
 
 
 def trapezoid_step(error: float, nu: float, total_variance: float) -> float:
     """The widest grid step in ln v whose ``trapezoid_error`` stays below ``error``."""
+    orders = _mellin_orders(nu, total_variance)
     low, high = 1e-3, 4.0
     for _ in range(24):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if trapezoid_error(middle, nu, total_variance) < error else (low, middle)
+        low, high = (middle, high) if _trapezoid_error(middle, *orders) < error else (low, middle)
     return low
 
 

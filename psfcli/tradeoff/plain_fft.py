@@ -17,12 +17,13 @@ _RAYS = 1 << 20  # of the geometrical image
 _TABLE = 4000  # radii at which the transfer function is computed; between them it is interpolated
 
 
-def plain_fft(scene: Plan, size: int) -> tuple[Real, Real]:
+def plain_fft(scene: Plan, size: int, blur: Real | None = None) -> tuple[Real, Real]:
     """Eq. 44 by rfft2 on ``size`` x ``size`` sub-pixels: energies of the detector's pixels [y, x] and of the boxes.
 
     Unscattered rays are counted where they land. For the scatter, they are counted in the cells of the grid and
     multiplied, in the transform, by the transfer function and the blur of a cell. The image repeats with the grid's
     period, and so do the wings. A box takes its part of each cell's scattered light: valid for boxes within the window.
+    ``blur`` is what ``scattered_blur`` gives, for fields that share it.
     """
     detector = scene.detector
     cell = detector.sub_pixel
@@ -35,15 +36,23 @@ def plain_fft(scene: Plan, size: int) -> tuple[Real, Real]:
         spot += np.bincount(row * size + column, minlength=spot.size)
         rays += x.size
     spot = spot.reshape(size, size) / rays
-    fy, fx = fft.fftfreq(size, cell)[:, None], fft.rfftfreq(size, cell)
-    blur = _scattered_transfer_function(scene, np.hypot(fx, fy))
-    blur *= np.sinc(fx * cell) * np.sinc(fy * cell)
+    if blur is None:
+        blur = scattered_blur(scene, size)
     image = fft.irfft2(fft.rfft2(spot, workers=1) * blur, (size, size), workers=1)
     n, m = detector.pixels, detector.oversample
     scattered = image[: n * m, : n * m]
     pixels, energies = (scene.specular_fractions[0] * part for part in unscattered)
     pixels += scattered.reshape(n, m, n, m).sum(axis=(1, 3))
     return pixels, energies + _energies(scattered, detector, scene.half_widths)
+
+
+def scattered_blur(scene: Plan, size: int) -> Real:
+    """What the transform of a spot on ``size`` x ``size`` sub-pixels is multiplied by: scatter, and blur of a cell."""
+    cell = scene.detector.sub_pixel
+    fy, fx = fft.fftfreq(size, cell)[:, None], fft.rfftfreq(size, cell)
+    blur = _scattered_transfer_function(scene, np.hypot(fx, fy))
+    blur *= np.sinc(fx * cell) * np.sinc(fy * cell)
+    return blur
 
 
 def plain_fft_memory(size: int) -> float:

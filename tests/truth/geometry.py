@@ -43,21 +43,20 @@ def ray_error_by_complex_step(system: TruthSystem, x: np.ndarray, y: np.ndarray)
 
 
 def pupil_rule(system: TruthSystem, rings: int, spokes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(x, y, weight) over the lit pupil, weights adding to 1: Gauss in rho^2 times the trapezoid rule in azimuth.
+    """(x, y, weight) over the lit pupil, weights adding to 1: Gauss in rho times the trapezoid rule in azimuth.
 
-    In a sector, where odd powers of rho do not vanish in the mean, Gauss in rho and in azimuth.
+    In a sector, where odd powers of rho do not cancel, the azimuth has a Gauss rule too.
     """
     t, w = np.polynomial.legendre.leggauss(rings)
     inner = system.obscuration
+    rho = inner + (1.0 - inner) * 0.5 * (1.0 + t)
     if system.sector is None:
-        rho = np.sqrt(inner**2 + (1.0 - inner**2) * 0.5 * (1.0 + t))
         phi, v = 2.0 * np.pi * (np.arange(spokes) + 0.5) / spokes, np.full(spokes, 1.0 / spokes)
     else:
-        rho = inner + (1.0 - inner) * 0.5 * (1.0 + t)
-        w = w * 2.0 * rho / (1.0 + inner)
         a, v = np.polynomial.legendre.leggauss(spokes)
         phi, v = system.sector[0] + (system.sector[1] - system.sector[0]) * 0.5 * (1.0 + a), 0.5 * v
-    return np.outer(rho, np.cos(phi)).ravel(), np.outer(rho, np.sin(phi)).ravel(), np.outer(0.5 * w, v).ravel()
+    x, y = np.outer(rho, np.cos(phi)).ravel(), np.outer(rho, np.sin(phi)).ravel()
+    return x, y, np.outer(w * rho / (1.0 + inner), v).ravel()
 
 
 def spot_moments(system: TruthSystem) -> dict[str, float]:
