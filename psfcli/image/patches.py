@@ -38,7 +38,7 @@ _GAUSS = 1.67  # on panels of LARGEST_PANEL nodes; measured for errors from 1e-3
 _SIDE = 8  # rays of a patch along the radius, at most, and along the azimuth
 _FEWEST_RADII, _FEWEST_AZIMUTHS = 4.0, 6.0
 _SLOWEST = 0.02  # of the largest speed: no ring is wider in the pupil than this lets it be
-_PATCHES_AT_ONCE = 50
+_PATCHES_AT_ONCE = 16  # that a processor's cache holds
 _RINGS, _SPOKES = 64, 256  # of the table of speeds
 
 
@@ -156,23 +156,22 @@ def _ring(
     lit = rho * weight * (outer - inner) / (1.0 - image.telescope.pupil.obscuration**2)
     azimuths = LARGEST_PANEL * math.ceil(azimuths / LARGEST_PANEL)
     azimuth, slice_weight = pupil_azimuths(image.telescope, image.field, azimuths, half=half)
-    azimuth, slice_weight = azimuth.reshape(-1, _SIDE), slice_weight.reshape(-1, _SIDE)
     side = min(radii, _SIDE)
-    for row, row_lit in zip(rho.reshape(-1, side), lit.reshape(-1, side), strict=True):
-        seen = np.flatnonzero(
-            _near_window(*_landing(image, row[[0, side // 2, -1]], azimuth[:, [0, _SIDE // 2, -1]]), spacing, window)
-        )
-        for first in range(0, seen.size, _PATCHES_AT_ONCE):
-            some = seen[first : first + _PATCHES_AT_ONCE]
-            share = row_lit[:, None] * slice_weight[some, None, :]
-            yield RayBundle(share.reshape(some.size, -1), *_landing(image, row, azimuth[some]))
+    rho, lit, slice_weight = rho.reshape(-1, side), lit.reshape(-1, side), slice_weight.reshape(-1, _SIDE)
+    fans = np.stack(ray_fans(image.telescope, image.field, azimuth)).reshape(2, 4, -1, _SIDE)
+    row, column = np.indices((len(rho), len(slice_weight))).reshape(2, -1)
+    few_radii, few_fans = rho[:, [0, side // 2, -1]], fans[..., [0, _SIDE // 2, -1]]
+    seen = np.flatnonzero(_near_window(*_landing(few_fans[:, :, column], few_radii[row]), spacing, window))
+    for first in range(0, seen.size, _PATCHES_AT_ONCE):
+        some = seen[first : first + _PATCHES_AT_ONCE]
+        rows, columns = row[some], column[some]
+        share = lit[rows, :, None] * slice_weight[columns, None, :]
+        yield RayBundle(share.reshape(some.size, -1), *_landing(fans[:, :, columns], rho[rows]))
 
 
-def _landing(image: GeometricalImage, rho: Real, azimuth: Real) -> tuple[Real, Real]:
-    """X and y of the rays of patches (patch, ray) at radii ``rho`` and azimuths (patch, azimuth)."""
-    fans = ray_fans(image.telescope, image.field, azimuth.ravel())
-    shape = rho.size, *azimuth.shape
-    x, y = (np.moveaxis(along_fans(f, rho).reshape(shape), 1, 0).reshape(azimuth.shape[0], -1) for f in fans)
+def _landing(fans: Real, rho: Real) -> tuple[Real, Real]:
+    """X and y of the rays of patches (patch, ray) along their ``fans`` (2, 4, patch, azimuth) at radii ``rho``."""
+    x, y = (along_fans(of, rho).reshape(len(rho), -1) for of in fans)
     return x, y
 
 
