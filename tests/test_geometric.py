@@ -13,10 +13,11 @@ from truth.cases import SEIDEL
 from truth.geometry import counted_pixels, defocused_annulus, line_focus
 from truth.specular import specular_energy
 
+from psfcli.image.blur import TAIL, ray_spacing
 from psfcli.image.boxes import unscattered_in_boxes
 from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_image, spot_statistics
 from psfcli.image.graded import graded_rays
-from psfcli.image.patches import patches_apart
+from psfcli.image.patches import EVERYWHERE, patches_apart, ray_count
 from psfcli.image.unscattered import unscattered_in_windows, unscattered_on_grid
 from psfcli.telescope.aberration import wavefront
 from psfcli.telescope.seidel import SeidelTable
@@ -49,6 +50,12 @@ def around(case: TruthSystem, cells: int = 7) -> np.ndarray:
     """Edges of a grid that cuts the spot unevenly, a part of it left outside."""
     r = reach(case)
     return np.linspace(-0.93 * r, 1.01 * r, cells + 1)
+
+
+def landed(point: GeometricalImage, spacing: float, window=EVERYWHERE) -> RayBundle:
+    """All rays ``spacing`` apart that land near the window."""
+    parts = list(patches_apart(point, spacing, window=window))
+    return RayBundle(*(np.concatenate([getattr(p, name).ravel() for p in parts]) for name in ("share", "x", "y")))
 
 
 @functools.cache
@@ -272,11 +279,9 @@ def test_defocus_in_a_sector_is_a_sector_of_a_disc(obscuration):
     assert point.spot.centroid_y == pytest.approx(mean(1, 0, 1), rel=1e-13)
     assert point.spot.rms_x == pytest.approx(math.sqrt(mean(2, 2, 0) - mean(1, 1, 0) ** 2), rel=1e-12)
     width = 0.2 * radius
-    patches = list(patches_apart(point, 0.5 * width))
-    apart = RayBundle(*(np.concatenate([getattr(p, n).ravel() for p in patches]) for n in ("share", "x", "y")))
     for rays in (
         point.rays,
-        apart,
+        landed(point, 0.5 * width),
         graded_rays(point, lambda x, _: np.full_like(x, 0.3 * width)),
     ):
         assert rays.share.sum() == pytest.approx(1.0, rel=1e-12)
@@ -285,6 +290,24 @@ def test_defocus_in_a_sector_is_a_sector_of_a_disc(obscuration):
         variance = (width / radius) ** 2
         exact = variance * (math.exp(-0.5 * obscuration**2 / variance) - math.exp(-0.5 / variance))
         assert seen == pytest.approx(exact / (0.5 * (1.0 - obscuration**2)), rel=1e-7)
+
+
+@pytest.mark.parametrize("sector", [None, (0.3, 2.1)], ids=["annulus", "sector"])
+@pytest.mark.parametrize("place", [0.0, 0.5])
+def test_rays_are_as_close_as_asked_about_the_pupils_centre_too(sector, place):
+    """A disc blurred by what is far narrower, seen in its middle or half-way to its rim: 1 over its area."""
+    radius, width, start = 0.05, 2e-4, 1.2  # start: an azimuth well inside the sector
+    point = produced(case_of(obscuration=0.0, sector=sector, W020=-0.5 * radius * SLOPE))
+    x, y = place * radius * math.cos(start), place * radius * math.sin(start)
+    angle = 2.0 * math.pi if sector is None else sector[1] - sector[0]
+    lit = angle / (2.0 * math.pi) if place == 0.0 else 1.0  # of the Gaussian
+    wide = TAIL * width
+    window = x - wide, x + wide, y - wide, y + wide
+    for error in (1e-3, 1e-6):
+        rays = landed(point, float(ray_spacing(np.array(width), np.array(error))), window)
+        seen = rays.share @ np.exp(-0.5 * ((rays.x - x) ** 2 + (rays.y - y) ** 2) / width**2)
+        assert seen == pytest.approx(lit * 2.0 * math.pi * width**2 / (0.5 * angle * radius**2), rel=error)
+        assert rays.share.size < 0.1 * ray_count(point).at(np.array(width))
 
 
 def test_sectors_add_up_to_the_annulus():

@@ -58,6 +58,30 @@ def test_grid_and_fans_hold_what_very_many_rays_say(field, pupil):
     np.testing.assert_allclose(gridded, expected, atol=float(tight.sum()))
 
 
+def test_a_window_is_lit_by_rays_near_it_alone():
+    image = point(TILTED)
+    centres = [(float(image.rays.x[n]), float(image.rays.y[n])) for n in (100, 103)]
+    half_width = extent(image) * np.array([0.01, 0.03])
+    mixture = GaussianMixture(np.array([0.3, 0.2]), (extent(image) / np.array([300.0, 100.0])) ** 2)
+    error, never = np.full(2, 1e-9), np.full(2, 1e-30)
+    near = narrow_in_squares(image, mixture, centres, half_width, error, never)
+    whole = narrow_in_squares(image, mixture, centres, np.append(half_width, 2.0 * extent(image)), error, never)
+    np.testing.assert_allclose(near, whole[:, :2], atol=1e-11)
+    assert near.min() > 1e-5
+    np.testing.assert_allclose(whole[:, 2], 0.5, rtol=1e-9)
+
+
+def test_fans_are_not_cut_where_their_gaussian_does_not_reach():
+    image = point(TILTED)
+    centres = [(0.0, 0.0), (5.0 * extent(image), 0.0)]
+    mixture = GaussianMixture(np.array([1e-4]), (extent(image) / np.array([1e5])) ** 2)  # too many rays
+    half_width, error = 0.1 * extent(image) * np.ones(1), np.full(1, 1e-3)
+    inside, beyond = narrow_in_squares(image, mixture, centres, half_width, error, np.array([1e-9, 1e-30]))
+    assert inside > 0.0
+    assert beyond == 0.0
+    assert narrow_in_squares(image, mixture, centres[1:], half_width, error, np.array([1e-30])) == 0.0
+
+
 def test_the_table_of_squares_holds_wide_and_narrow_terms_alike():
     image = point(UPRIGHT)
     half_width = extent(image) * np.array([0.02, 0.2, 0.5, 1.0, 5.0, 50.0])

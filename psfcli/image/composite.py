@@ -60,18 +60,26 @@ class CompositeImage:
 
     def unscattered_in(self, y: Index, x: Index, oversample: int = 1) -> Real:
         """PSF_G in pixels (y, x) of ``oversample`` sub-pixels a side, shape of both."""
-        value = np.zeros(y.shape)
-        for i, j in np.ndindex(oversample, oversample):
-            row, column = oversample * y + i - self.rows.start, oversample * x + j - self.columns.start
-            inside = (row >= 0) & (row < self.unscattered.shape[0])
-            inside &= (column >= 0) & (column < self.unscattered.shape[1])
-            value[inside] += self.unscattered[row[inside], column[inside]]
+        starts = self.rows.start, self.columns.start
+        # to whole pixels, and a dark one on every side stands for all beyond
+        pad = [
+            (oversample + start % oversample, oversample + -(start + size) % oversample)
+            for start, size in zip(starts, self.unscattered.shape, strict=True)
+        ]
+        fine = np.pad(self.unscattered, pad)
+        light = fine.reshape(fine.shape[0] // oversample, oversample, -1, oversample).sum(axis=(1, 3))
+        row, column = (
+            np.clip(place - start // oversample + 1, 0, size - 1)
+            for place, start, size in zip((y, x), starts, light.shape, strict=True)
+        )
+        value: Real = light[row, column]
         return value
 
     def touched(self, y: Index, x: Index, oversample: int = 1) -> NDArray[np.bool_]:
         """Whether unscattered light touches pixels (y, x) of so many sub-pixels or one of their eight neighbours."""
-        near = [self.unscattered_in(y + i, x + j, oversample) > 0.0 for i in (-1, 0, 1) for j in (-1, 0, 1)]
-        return np.any(near, axis=0)
+        i, j = np.mgrid[-1:2, -1:2].reshape(2, -1, 1)
+        brightest: Real = self.unscattered_in(y + i, x + j, oversample).max(axis=0)
+        return brightest > 0.0
 
 
 def composite_images(

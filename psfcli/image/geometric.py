@@ -80,9 +80,10 @@ def ray_fans(telescope: Telescope, field: Field, azimuth: Real) -> tuple[Real, R
 
 
 def along_fans(fans: Real, rho: Real) -> Real:
-    """The cubics ``fans`` (4, azimuths) at pupil radii ``rho`` (radii,): shape (radii, azimuths)."""
-    r = rho[:, None]
-    return ((fans[3] * r + fans[2]) * r + fans[1]) * r + fans[0]
+    """The cubics ``fans`` (4, ..., azimuths) at pupil radii ``rho`` (..., radii): shape (..., radii, azimuths)."""
+    r, fan = rho[..., None], fans[..., None, :]
+    along: Real = ((fan[3] * r + fan[2]) * r + fan[1]) * r + fan[0]
+    return along
 
 
 def pupil_azimuths(telescope: Telescope, field: Field, count: int, *, half: bool = False) -> tuple[Real, Real]:

@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from psfcli.image.geometric import (
 )
 from psfcli.image.quadrature import gauss_legendre
 from psfcli.telescope.seidel import SeidelTable
+from psfcli.telescope.system import Field, Telescope
 
 Real = NDArray[np.float64]
 Window = tuple[float, float, float, float]  # x_start, x_stop, y_start, y_stop [mm]
@@ -36,7 +38,7 @@ _GAUSS = 1.67  # on panels of LARGEST_PANEL nodes; measured for errors from 1e-3
 _SIDE = 8  # rays of a patch along the radius, at most, and along the azimuth
 _FEWEST_RADII, _FEWEST_AZIMUTHS = 4.0, 6.0
 _SLOWEST = 0.02  # of the largest speed: no ring is wider in the pupil than this lets it be
-_PATCHES_AT_ONCE = 50
+_PATCHES_AT_ONCE = 16  # that a processor's cache holds
 _RINGS, _SPOKES = 64, 256  # of the table of speeds
 
 
@@ -60,15 +62,16 @@ class RayCount:
 
 def ray_count(image: GeometricalImage, window: Window = EVERYWHERE) -> RayCount:
     """The rays of ``patches_apart`` that land in the ``window``."""
-    rings = _Rings.of(image, window)
+    rings = _rings(image.telescope, image.field)
+    inside = rings.inside(window)
     start, stop = image.telescope.pupil.sector
     radii = _FEWEST_RADII / _RINGS, _GAUSS * rings.radial
     azimuths = _FEWEST_AZIMUTHS, _azimuthal_nodes(image) * (stop - start) * rings.azimuthal
     return RayCount(
         (
-            float(np.sum(rings.inside * radii[0] * azimuths[0])),
-            float(np.sum(rings.inside * (radii[0] * azimuths[1] + radii[1] * azimuths[0]))),
-            float(np.sum(rings.inside * radii[1] * azimuths[1])),
+            float(np.sum(inside * radii[0] * azimuths[0])),
+            float(np.sum(inside * (radii[0] * azimuths[1] + radii[1] * azimuths[0]))),
+            float(np.sum(inside * radii[1] * azimuths[1])),
         )
     )
 
@@ -84,7 +87,7 @@ def patches_apart(
     if image.telescope.seidel == SeidelTable():
         yield RayBundle(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
         return
-    rings = _Rings.of(image, window)
+    rings = _rings(image.telescope, image.field)
     path = np.append(0.0, np.cumsum(np.maximum(rings.radial, _SLOWEST * rings.radial.max())))
     start, stop = image.telescope.pupil.sector
     radii = _FEWEST_RADII + _GAUSS * path[-1] / spacing
@@ -103,25 +106,32 @@ def patches_apart(
 class _Rings:
     """A table of rings between the pupil radii ``rho`` (n + 1,): how far a ray lands from the next, in the worst place.
 
-    ``radial`` [mm] across the ring, ``azimuthal`` [mm/rad] along it, the part of the ring ``inside`` a window; (n,).
+    ``radial`` [mm] across the ring, ``azimuthal`` [mm/rad] along it, (n,); ``x`` and ``y`` (n, ray) [mm], where rays of
+    each land.
     """
 
     rho: Real
     radial: Real
     azimuthal: Real
-    inside: Real
+    x: Real
+    y: Real
 
-    @classmethod
-    def of(cls, image: GeometricalImage, window: Window) -> _Rings:
-        """The rings of ``image``."""
-        start, stop = image.telescope.pupil.sector
-        azimuth = np.linspace(start, stop, _SPOKES + 1)
-        rho = np.linspace(image.telescope.pupil.obscuration, 1.0, _RINGS + 1)
-        x, y = (along_fans(fans, rho) for fans in ray_fans(image.telescope, image.field, azimuth))
-        along = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0))
-        around = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).max(axis=1) * _SPOKES / (stop - start)
-        inside = (x >= window[0]) & (x <= window[1]) & (y >= window[2]) & (y <= window[3])
-        return cls(rho, along.max(axis=1), np.maximum(around[1:], around[:-1]), inside[1:].mean(axis=1))
+    def inside(self, window: Window) -> Real:
+        """The part of each ring that lands in the ``window``; (n,)."""
+        inside = (self.x >= window[0]) & (self.x <= window[1]) & (self.y >= window[2]) & (self.y <= window[3])
+        return inside.mean(axis=1)
+
+
+@lru_cache(maxsize=16)  # every Gaussian of a field asks for them, and a few fields are computed together
+def _rings(telescope: Telescope, field: Field) -> _Rings:
+    """The rings of one point of the field."""
+    start, stop = telescope.pupil.sector
+    azimuth = np.linspace(start, stop, _SPOKES + 1)
+    rho = np.linspace(telescope.pupil.obscuration, 1.0, _RINGS + 1)
+    x, y = (along_fans(fans, rho) for fans in ray_fans(telescope, field, azimuth))
+    along = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0))
+    around = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).max(axis=1) * _SPOKES / (stop - start)
+    return _Rings(rho, along.max(axis=1), np.maximum(around[1:], around[:-1]), x[1:], y[1:])
 
 
 def _azimuthal_nodes(image: GeometricalImage) -> float:
@@ -146,23 +156,22 @@ def _ring(
     lit = rho * weight * (outer - inner) / (1.0 - image.telescope.pupil.obscuration**2)
     azimuths = LARGEST_PANEL * math.ceil(azimuths / LARGEST_PANEL)
     azimuth, slice_weight = pupil_azimuths(image.telescope, image.field, azimuths, half=half)
-    azimuth, slice_weight = azimuth.reshape(-1, _SIDE), slice_weight.reshape(-1, _SIDE)
     side = min(radii, _SIDE)
-    for row, row_lit in zip(rho.reshape(-1, side), lit.reshape(-1, side), strict=True):
-        seen = np.flatnonzero(
-            _near_window(*_landing(image, row[[0, side // 2, -1]], azimuth[:, [0, _SIDE // 2, -1]]), spacing, window)
-        )
-        for first in range(0, seen.size, _PATCHES_AT_ONCE):
-            some = seen[first : first + _PATCHES_AT_ONCE]
-            share = row_lit[:, None] * slice_weight[some, None, :]
-            yield RayBundle(share.reshape(some.size, -1), *_landing(image, row, azimuth[some]))
+    rho, lit, slice_weight = rho.reshape(-1, side), lit.reshape(-1, side), slice_weight.reshape(-1, _SIDE)
+    fans = np.stack(ray_fans(image.telescope, image.field, azimuth)).reshape(2, 4, -1, _SIDE)
+    row, column = np.indices((len(rho), len(slice_weight))).reshape(2, -1)
+    few_radii, few_fans = rho[:, [0, side // 2, -1]], fans[..., [0, _SIDE // 2, -1]]
+    seen = np.flatnonzero(_near_window(*_landing(few_fans[:, :, column], few_radii[row]), spacing, window))
+    for first in range(0, seen.size, _PATCHES_AT_ONCE):
+        some = seen[first : first + _PATCHES_AT_ONCE]
+        rows, columns = row[some], column[some]
+        share = lit[rows, :, None] * slice_weight[columns, None, :]
+        yield RayBundle(share.reshape(some.size, -1), *_landing(fans[:, :, columns], rho[rows]))
 
 
-def _landing(image: GeometricalImage, rho: Real, azimuth: Real) -> tuple[Real, Real]:
-    """X and y of the rays of patches (patch, ray) at radii ``rho`` and azimuths (patch, azimuth)."""
-    fans = ray_fans(image.telescope, image.field, azimuth.ravel())
-    shape = rho.size, *azimuth.shape
-    x, y = (np.moveaxis(along_fans(f, rho).reshape(shape), 1, 0).reshape(azimuth.shape[0], -1) for f in fans)
+def _landing(fans: Real, rho: Real) -> tuple[Real, Real]:
+    """X and y of the rays of patches (patch, ray) along their ``fans`` (2, 4, patch, azimuth) at radii ``rho``."""
+    x, y = (along_fans(of, rho).reshape(len(rho), -1) for of in fans)
     return x, y
 
 
