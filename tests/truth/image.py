@@ -84,7 +84,7 @@ class Image:
     def energy(self, window: Window, absolute: float = FAINTEST) -> float:
         """Fraction of all light in the window (x0, x1, y0, y1) [mm], within ``RELATIVE`` of it or ``absolute``."""
         lit = self.specular * self.unscattered(window) if self.specular > 1e-18 else 0.0
-        return lit + self.scattered(window, max(absolute, RELATIVE * lit))
+        return lit + self.scattered(window, max(absolute, min(RELATIVE * lit, _UNSCATTERED)))
 
     def square(self, half_width: float, centre: tuple[float, float] = (0.0, 0.0)) -> float:
         """Ensquared energy: the square of ``half_width`` [mm] about ``centre`` [mm]."""
