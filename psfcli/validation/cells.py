@@ -20,7 +20,7 @@ _FEW = 25.0  # rays expected in a cell; below, the square of the difference is n
 
 @dataclass(frozen=True, slots=True)
 class CellComparison:
-    """One image on cells [y, x]: the fraction of all light in each by ``convolution``, and of ``rays`` by Monte Carlo."""
+    """One image on cells [y, x]: the fraction of light in each by ``convolution`` and by ``rays`` of Monte Carlo."""
 
     convolution: Real
     montecarlo: Real
