@@ -16,7 +16,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -65,6 +65,10 @@ DEVIATIONS = Criterion(4.0)  # standard errors
 SETTLED = 1.5e-4  # standard error of exact rays above which they judge nothing
 FAR, MERGED = 10.0, 1e-3  # half width in pixels from where on the curves of Fig. 10 are one, and the light a line hides
 
+PREFACE = """The paper prints neither its spectrum, nor its prescription, nor what its instruments measured. In their
+place stand a spectrum with its TIS (stand-in spectrum), the Cassegrain of its focal length with four coefficients of
+its Table 1 (derived prescription), and spectra drawn from the stand-in (SYNTHETIC data); in place of Zemax, the rays of
+`psfcli validate`. "open": what it was made of, or too few rays, cannot decide."""
 STAND_IN = "stand-in spectrum"
 FITTED = "derived prescription"
 SYNTHETIC = "SYNTHETIC data"
@@ -155,7 +159,8 @@ def figure_6() -> Part:
     """A K-correlation fitted to the spectra of four instruments."""
     system = psfcli.load(TELESCOPE)
     truth, wavelength = system.surfaces[0].psd[0], system.wavelengths[0]
-    found = fit(read_spectra(SPECTRA), 1, GAIN_ERROR)
+    spectra = [replace(each, name=f"{each.name}, SYNTHETIC") for each in read_spectra(SPECTRA)]
+    found = fit(spectra, 1, GAIN_ERROR)
     (_, ln_B, C), (_, B_error, C_error) = found.parameters[0], found.errors[0]
     tis = scattering(found, wavelength).tis
     off = max(abs(ln_B - math.log(truth.B)) / B_error, abs(C - truth.C) / C_error)
@@ -236,8 +241,9 @@ def figures_8_and_9(effort: Effort, jobs: int) -> Iterator[Part]:
 def _images(system: Any, found: CellComparison, stream: BinaryIO) -> None:
     edges, pixel = UM * system.detector.edges(0), UM * system.detector.pixel
     limits = decades([density(found.convolution, edges, edges)])
-    with sheet(stream, 8.4, 3.9, colours=None) as figure:
+    with sheet(stream, 8.4, 4.2, colours=None) as figure:
         panels = figure.subplots(1, 2)
+        figure.suptitle(f"0.5°, 9.4 nm, {system.detector.pixels} x {system.detector.pixels} pixels (stand-in spectrum)")
         names = "(a)  convolution", f"(b)  Monte Carlo, {found.rays:.2g} rays"
         drawn = []
         for panel, image, name in zip(panels, (found.convolution, found.montecarlo), names, strict=True):
@@ -357,18 +363,43 @@ def summary(claims: list[Claim]) -> list[list[str]]:
     return [head, *([c.where, c.claim, c.figure, c.verdict, c.basis] for c in claims)]
 
 
-def page(parts: list[Part]) -> str:
+def page(made: list[Part]) -> str:
     """The summary, and each picture and table beside its claims, as Markdown."""
-    rows = summary([claim for part in parts for claim in part.claims])
-    lines = [f"| {' | '.join(row)} |" for row in rows]
-    lines = ["# Choi & Harvey (2012), made anew", "", lines[0], "|---" * len(rows[0]) + "|", *lines[1:]]
-    for part in parts:
+    head, *rows = (f"| {' | '.join(row)} |" for row in summary([claim for part in made for claim in part.claims]))
+    lines = ["# Choi & Harvey (2012), made anew", "", PREFACE, "", head, "|---" * 5 + "|", *rows]
+    for part in made:
         lines += ["", f"## {part.title}", ""]
         lines += [f"- {c.claim}: {c.figure}. Holds: {c.verdict} ({c.basis})." for c in part.claims]
-        lines += [
-            f"\n![{part.title}]({name})" if name.endswith(".png") else f"\n[{name}]({name})" for name in part.files
-        ]
+        for name in part.files:
+            lines += ["", f"![{part.title}]({name})" if name.endswith(".png") else f"[{name}]({name})"]
     return "\n".join(lines) + "\n"
+
+
+def parts(effort: Effort, jobs: int) -> Iterator[Part]:
+    """All of it, in the order of the paper."""
+    yield from (table_1(), section_4(), figure_6(), figure_7())
+    yield from figures_8_and_9(effort, jobs)
+    yield figure_10(effort, jobs)
+
+
+def write(made: list[Part], directory: Path, only: tuple[str, ...] | None = None) -> None:
+    """The files of all parts into ``directory``, or ``only`` those so named."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for part in made:
+        for name, written in part.files.items():
+            if only is None or name in only:
+                with (directory / name).open("wb") as stream:
+                    written(stream)
+
+
+def report(made: list[Part]) -> int:
+    """Print all claims; the exit status."""
+    claims = [claim for part in made for claim in part.claims]
+    rows = summary(claims)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    return 1 if any(claim.holds is False for claim in claims) else 0
 
 
 def main() -> int:
@@ -376,32 +407,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Table 1 and Figs. 6 to 10 of the paper, and whether its claims hold.")
     parser.add_argument("output", nargs="?", type=Path, default=ROOT / "paper")
     parser.add_argument("--quick", action="store_true", help="few rays")
-    parser.add_argument(
-        "--docs", action="store_true", help=f"also draw the pictures of the README, in {DOCS.relative_to(ROOT)}/"
-    )
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, help="processes; default as many as processors"
-    )
+    parser.add_argument("--docs", action="store_true", help="also draw the pictures of the README, in docs/paper/")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes; default one per processor")
     asked = parser.parse_args()
-    effort = QUICK if asked.quick else Effort()
-    asked.output.mkdir(parents=True, exist_ok=True)
-    parts = [table_1(), section_4(), figure_6(), figure_7()]
-    parts += figures_8_and_9(effort, asked.jobs)
-    parts.append(figure_10(effort, asked.jobs))
-    for directory, only in ((asked.output, None), (DOCS, SHOWN)) if asked.docs else ((asked.output, None),):
-        directory.mkdir(parents=True, exist_ok=True)
-        for name, write in ((name, write) for part in parts for name, write in part.files.items()):
-            if only is None or name in only:
-                with (directory / name).open("wb") as stream:
-                    write(stream)
-    (asked.output / "summary.md").write_text(page(parts), encoding="utf-8")
-    claims = [claim for part in parts for claim in part.claims]
-    rows = summary(claims)
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print("  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    made = []
+    for part in parts(QUICK if asked.quick else Effort(), asked.jobs):
+        print(part.title, file=sys.stderr, flush=True)
+        made.append(part)
+    write(made, asked.output)
+    if asked.docs:
+        write(made, DOCS, SHOWN)
+    (asked.output / "summary.md").write_text(page(made), encoding="utf-8")
+    status = report(made)
     print(f"\nThe pictures and tables, each beside its claims: {asked.output / 'summary.md'}")
-    return 1 if any(claim.holds is False for claim in claims) else 0
+    return status
 
 
 if __name__ == "__main__":
