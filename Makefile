@@ -1,4 +1,4 @@
-# Targets: run (the paper's case), test, test-slow, lint, golden, golden-update, sweep, bench, figures, extremes, accuracy, clean.
+# Targets: run (the paper's case), test, test-slow, lint, golden, golden-update, sweep, bench, figures, extremes, accuracy, paper, clean.
 # All of them install what they need into $(VENV); nothing but Python 3.11 or later with venv is asked of the machine.
 
 PYTHON ?= python3
@@ -12,6 +12,9 @@ PYTEST_ARGS ?= -n auto --maxprocesses 8
 N ?= 60
 SEED ?= 1
 ACCURACY_ARGS ?=
+
+# make paper: with DOCS=1 the pictures of README.md as well
+DOCS ?=
 
 # an interpreter of another version gets a new environment
 PYTHON_VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
@@ -32,7 +35,7 @@ PSFCLI := $(VENV)/bin/psfcli
 SWEEP_NEEDS := $(INSTALLED)
 endif
 
-.PHONY: run test test-slow lint golden golden-update sweep bench figures extremes accuracy clean always
+.PHONY: run test test-slow lint golden golden-update sweep bench figures extremes accuracy paper clean always
 .DELETE_ON_ERROR:
 .SUFFIXES:
 
@@ -72,6 +75,10 @@ figures: $(INSTALLED_ALL)
 extremes: $(INSTALLED_ALL)
 	$(VENV)/bin/python scripts/extremes.py
 
+# Table 1 and Figs. 6 to 10 of the paper into paper/, and whether its claims hold
+paper: $(INSTALLED_ALL)
+	$(VENV)/bin/python scripts/paper.py $(if $(DOCS),--docs)
+
 # One directory per angle, done when its manifest stands and is younger than the request; then one table of them all.
 sweep: $(SWEPT)
 	@$(PYTHON) scripts/sweep_merge.py $(SWEEP)/ee.csv $(SWEPT:manifest.json=ee.csv)
@@ -104,7 +111,7 @@ $(INSTALLED_ALL): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) sweep build dist *.egg-info *_psf *_psf.png *_tradeoff *_bsdf *_fit *_validation .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) sweep paper build dist *.egg-info *_psf *_psf.png *_tradeoff *_bsdf *_fit *_validation .mypy_cache .pytest_cache .ruff_cache
 	find psfcli scripts tests -name __pycache__ -prune -exec rm -rf {} +
 
 always:

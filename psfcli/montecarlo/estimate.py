@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
+T = TypeVar("T")
 
 BATCHES = 128
 """Independent parts of an estimate, by whose scatter its standard error is known to 6 %."""
@@ -61,12 +62,12 @@ def ensquared_energy(
     from ``seed``: they hold whatever the rays of a batch have in common. At least 1/rays. The same numbers for the same
     seed by any number of ``jobs``; ``progress`` is called with the rays of each batch done.
     """
-    size = FAN * math.ceil(count / (FAN * BATCHES))
+    size = batch_size(count)
     inside = np.zeros((len(centres), half_width.size), dtype=np.int64)
     squares = np.zeros_like(inside, dtype=np.float64)
     lost = 0
     batch = partial(_batch, rays, NestedSquares(half_width), tuple(centres), size, seed)
-    for counts, gone in _in_processes(batch, jobs):
+    for counts, gone in batches(batch, jobs):
         inside += counts
         squares += (counts / size) ** 2
         lost += gone
@@ -87,16 +88,25 @@ def _batch(
     number: int,
 ) -> tuple[Whole, int]:
     """The rays of one batch inside each square, shape [centre, box], and how many are lost."""
-    generator = np.random.default_rng(np.random.SeedSequence(seed[0], spawn_key=(*seed[1:], number)))
     counts, lost = np.zeros(1, dtype=np.int64), 0
-    for x, y in rays.landings(generator, size):
+    for x, y in rays.landings(chance(seed, number), size):
         counts = counts + np.array([squares.inside(x, y, centre) for centre in centres])
         lost += int(np.count_nonzero(np.isinf(x)))
     return counts, lost
 
 
-def _in_processes(batch: Callable[[int], tuple[Whole, int]], jobs: int) -> Iterator[tuple[Whole, int]]:
-    """What ``batch`` gives for each number, in order, by this process or by several."""
+def batch_size(count: int) -> int:
+    """The rays of each of BATCHES batches, whole fans, that are ``count`` together or a few more."""
+    return FAN * math.ceil(count / (FAN * BATCHES))
+
+
+def chance(seed: tuple[int, ...], number: int) -> np.random.Generator:
+    """The generator of one batch."""
+    return np.random.default_rng(np.random.SeedSequence(seed[0], spawn_key=(*seed[1:], number)))
+
+
+def batches(batch: Callable[[int], T], jobs: int) -> Iterator[T]:
+    """What ``batch`` gives for each number below BATCHES, in order, by this process or by several."""
     if jobs == 1:
         yield from map(batch, range(BATCHES))
         return
@@ -105,7 +115,7 @@ def _in_processes(batch: Callable[[int], tuple[Whole, int]], jobs: int) -> Itera
 
     method = "fork" if "fork" in get_all_start_methods() else "spawn"
     with ProcessPoolExecutor(jobs, get_context(method)) as pool:
-        ahead: deque[Future[tuple[Whole, int]]] = deque()
+        ahead: deque[Future[T]] = deque()
         for number in range(BATCHES):
             while len(ahead) <= jobs and number + len(ahead) < BATCHES:
                 ahead.append(pool.submit(batch, number + len(ahead)))

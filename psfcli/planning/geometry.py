@@ -31,6 +31,17 @@ def incidences(
     return least, marginal + farthest * chief
 
 
+def mean_incidence(trace: ParaxialTrace, surface: str, telescope: Telescope, fields: Sequence[Field]) -> float:
+    """The root mean square angle of incidence [rad] on a surface over the lit annulus and the ``fields``. Paraxial.
+
+    <i^2> = i_marginal^2 (1 + obscuration^2)/2 + <H^2> ibar_chief^2: g goes with cos^2 i, so it is that of the surface's
+    key ``incidence`` which scatters as much.
+    """
+    marginal, chief = trace.incidences[_place(trace, surface)]
+    off_axis = sum(math.hypot(*telescope.relative_field(field)) ** 2 for field in fields) / len(fields)
+    return math.sqrt(0.5 * (1.0 + telescope.pupil.obscuration**2) * marginal**2 + off_axis * chief**2)
+
+
 def vignetting(trace: ParaxialTrace, surface: str, obscuration: float) -> Vignetting | None:
     """From where on rays of the axis that a surface scatters begin to miss the next one; None behind the last.
 
