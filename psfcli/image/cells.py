@@ -1,4 +1,4 @@
-"""The scattered energy in equal squares anywhere, such as single pixels [mm]."""
+"""The scattered energy in squares anywhere, of a few widths, such as single pixels and sub-pixels [mm]."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def scattered_in_cells(
     mixture: GaussianMixture,
     x: Real,
     y: Real,
-    width: float,
+    width: Real,
     tolerance: Tolerance,
     narrow_error: Real,
     allowance: Real,
 ) -> Real:
-    """The scattered light in squares of ``width`` about (``x``, ``y``) as a fraction of all light, shape of both.
+    """The scattered light in squares of ``width`` about (``x``, ``y``) as a fraction of all light, shape of all three.
 
     PSF_G (x) S of Eq. 44; relative error within ``tolerance.pixel`` and absolute within ``tolerance.ee``. Terms too
     narrow for moments keep their ``narrow_error``, relative, shape (term,), or err by no more than ``tolerance.pixel``
@@ -38,19 +38,20 @@ def scattered_in_cells(
     wide, narrow = order >= 0, order < 0
     energy = _by_moments(mixture.only(wide), point, order.max(initial=0), x, y, 0.5 * width)
     if narrow.any():
+        widths, which = np.unique(width, return_inverse=True)
         energy += narrow_in_squares(
             point,
             mixture.only(narrow),
             list(zip(x.tolist(), y.tolist(), strict=True)),
-            np.array([0.5 * width]),
+            0.5 * widths,
             narrow_error[narrow],
             np.maximum(0.1 * (tolerance.pixel * energy + allowance), _LEAST),
-        )[:, 0]
+        )[np.arange(x.size), which]
     return energy
 
 
 def _by_moments(
-    mixture: GaussianMixture, point: GeometricalImage, order: int, x: Real, y: Real, half_width: float
+    mixture: GaussianMixture, point: GeometricalImage, order: int, x: Real, y: Real, half_width: Real
 ) -> Real:
     spot = point.spot
     dx, dy = x - spot.centroid_x, y - spot.centroid_y

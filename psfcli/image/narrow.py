@@ -52,13 +52,17 @@ def narrow_in_squares(
     window = x.min() - farthest, x.max() + farthest, y.min() - farthest, y.max() + farthest
     from_spot = np.maximum.reduce([spot.x_min - x, x - spot.x_max, spot.y_min - y, y - spot.y_max]) - farthest
     reached = from_spot <= TAIL * width[:, None]
+    energy = np.zeros((len(centres), half_width.size))
+    seen = reached.any(axis=1)  # narrower ones send nothing to any of the squares
+    if not seen.any():
+        return energy
+    weight, variance, spacing, reached = weight[seen], variance[seen], spacing[seen], reached[seen]
     extent = math.hypot(spot.x_max - spot.x_min, spot.y_max - spot.y_min)
     boxes = 1 + int(np.count_nonzero((half_width < extent) & (half_width > 0.01 * extent)))
     by_fans = _fewest(
         ray_count(point, window).at(spacing), boxes * np.sqrt(np.cumsum(np.abs(weight))) * (reached @ tolerance**-0.5)
     )
-    energy = np.zeros((len(centres), half_width.size))
-    if by_fans and reached[by_fans - 1].any():
+    if by_fans:
         some = np.flatnonzero(reached[by_fans - 1]).tolist()
         narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]))
         energy[some] += blurred_in_boxes(

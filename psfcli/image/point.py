@@ -178,25 +178,34 @@ def _probed_error(
         return 0.0
     direction = np.array([(0, 1), (1, 1), (1, 0), (-1, 0), (-1, -1)])  # (y, x); more of what symmetry would repeat
     asked, weight = _finer(tolerance), scatter.halo.unscattered_weight
-    largest = 0.0
+    probes = []
     for oversample in {1, detector.oversample}:
         n, width = detector.sub_pixels // oversample, oversample * detector.sub_pixel
         step = np.unique(np.geomspace(1.0, n // 2 + 1, _PROBE_STEPS).astype(np.intp)) - 1
         place = np.clip(n // 2 + step[:, None, None] * direction, 0, n - 1).reshape(-1, 2)
         y, x = np.unique(place, axis=0).T
-        allowance = np.where(image.touched(y, x, oversample) & (weight > 0.0), tolerance.ee, 0.0)
-        truth = weight * image.unscattered_in(y, x, oversample) + scattered_in_cells(
-            point,
-            mixture,
-            detector.edges(0)[oversample * x] + 0.5 * width,
-            detector.edges(1)[oversample * y] + 0.5 * width,
-            width,
-            asked,
-            narrow_error(mixture, asked, width, min(oversample**2 * float(image.unscattered.max(initial=0.0)), 1.0)),
-            allowance / _REFINEMENT,
+        probes.append(
+            (
+                detector.edges(0)[oversample * x] + 0.5 * width,
+                detector.edges(1)[oversample * y] + 0.5 * width,
+                np.full(x.size, width),
+                np.where(image.touched(y, x, oversample) & (weight > 0.0), tolerance.ee, 0.0),
+                weight * image.unscattered_in(y, x, oversample),
+                image.light.reshape(n, oversample, n, oversample)[y, :, x].sum(axis=(1, 2)),
+            )
         )
-        light = image.light.reshape(n, oversample, n, oversample)[y, :, x].sum(axis=(1, 2))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            error = np.maximum(np.abs(light - truth) - allowance, 0.0) / truth
-        largest = max(largest, float(np.max(error, where=truth > 0.0, initial=0.0)))
-    return largest
+    centre_x, centre_y, width, allowance, unscattered, light = np.concatenate(probes, axis=1)
+    brightest = min(detector.oversample**2 * float(image.unscattered.max(initial=0.0)), 1.0)
+    truth = unscattered + scattered_in_cells(
+        point,
+        mixture,
+        centre_x,
+        centre_y,
+        width,
+        asked,
+        narrow_error(mixture, asked, detector.sub_pixel, brightest),
+        allowance / _REFINEMENT,
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.maximum(np.abs(light - truth) - allowance, 0.0) / truth
+    return float(np.max(error, where=truth > 0.0, initial=0.0))
