@@ -342,7 +342,7 @@ def _energies(found: list[Comparison], unaberrated: Any, pixel: float, stream: B
         for n, (line, c) in enumerate(zip(lines, found, strict=True)):
             shown = slice(n, None, 2)  # of the one between those of the other
             label = f"{math.degrees(c.field.radius):g}°, Monte Carlo, {c.estimate.rays:.2g} rays"
-            look = {"ls": "", "marker": "os"[n], "mfc": "white", "ms": 3.5, "mew": 0.8}
+            look = {"ls": "", "marker": "os"[n], "mfc": "white", "ms": 3.5, "mew": 0.8, "clip_on": False}
             panel.plot(width[shown], c.estimate.energy[0][shown], color=line.get_color(), label=label, **look)
         panel.legend(loc="upper left")
         panel.set_title("Ensquared energy at 9.4 nm (stand-in spectrum)", loc="left", fontsize=9)
