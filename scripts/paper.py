@@ -80,7 +80,7 @@ class Effort:
 
     third_order: int = 10**8
     cells: int = 10**8
-    exact: int = 3 * 10**7
+    exact: int = 10**8
 
 
 QUICK = Effort(10**6, 10**6, 10**5)
@@ -314,12 +314,12 @@ def _exact(effort: Effort, jobs: int) -> tuple[tuple[Claim, ...], list[Compariso
     claims = []
     for found, name, limit, said in (
         (with_mean, f"convolution at incidence {angles} deg", EXACT.bound, "bound"),
-        (normal, "at normal incidence (Eq. 29)", bound, "change of TIS by incidence"),
+        (normal, "at normal incidence (Eq. 29)", bound, "bound, the change of TIS,"),
     ):
         judged = [c.judged & (c.half_width >= plain.detector.pixel) for c in found]
         off = max(float(np.abs(c.difference[:, wide]).max()) for c, wide in zip(found, judged, strict=True))
         error = max(float(c.standard_error[:, wide].max()) for c, wide in zip(found, judged, strict=True))
-        figure = f"{off:.1e} +- {error:.0e} at most from 1 pixel on; {said} {limit:.1e}"
+        figure = f"{off:.1e} +- {error:.0e} at most from half widths of 1 pixel on; {said} {limit:.1e}"
         claims.append(
             Claim(
                 "Fig. 10",
@@ -342,7 +342,7 @@ def _energies(found: list[Comparison], unaberrated: Any, pixel: float, stream: B
         for n, (line, c) in enumerate(zip(lines, found, strict=True)):
             shown = slice(n, None, 2)  # of the one between those of the other
             label = f"{math.degrees(c.field.radius):g}°, Monte Carlo, {c.estimate.rays:.2g} rays"
-            look = {"ls": "", "marker": "os"[n], "mfc": "white", "ms": 3.5, "mew": 0.8}
+            look = {"ls": "", "marker": "os"[n], "mfc": "white", "ms": 3.5, "mew": 0.8, "clip_on": False}
             panel.plot(width[shown], c.estimate.energy[0][shown], color=line.get_color(), label=label, **look)
         panel.legend(loc="upper left")
         panel.set_title("Ensquared energy at 9.4 nm (stand-in spectrum)", loc="left", fontsize=9)
