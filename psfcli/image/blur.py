@@ -34,7 +34,7 @@ _HERMITE_MARGIN = (
 )
 _SHARE = 0.3  # of the tolerance, for all terms together
 _SMOOTH_CELL = 0.25  # cells narrower than this many widths: Gauss's rule instead of differences (relative error 2e-8)
-FEW_TERMS = 8
+FEW_TERMS, FEWER_TERMS = 8, 5  # fewer are wider, and less exact
 _NODE, _NODE_WEIGHT = gauss_legendre(4)
 
 
@@ -84,15 +84,15 @@ def ray_error(width: Real, spacing: Real) -> Real:
     return error
 
 
-def fewer_terms(mixture: GaussianMixture) -> GaussianMixture:
-    """As few terms as do to an edge far wider than they what all do: Gauss's rule in the width, to its 15th power.
+def fewer_terms(mixture: GaussianMixture, count: int = FEW_TERMS) -> GaussianMixture:
+    """Terms that do to an edge far wider than they what all do: Gauss's rule in the width, to power 2 ``count`` - 1.
 
     ``mixture`` by increasing variance, of positive weights.
     """
-    if mixture.weight.size <= FEW_TERMS:
+    if mixture.weight.size <= count:
         return mixture
     width = np.sqrt(mixture.variance)
-    node, weight = gauss_rule(width / width[-1], mixture.weight, FEW_TERMS)
+    node, weight = gauss_rule(width / width[-1], mixture.weight, count)
     return GaussianMixture(weight, (node * width[-1]) ** 2)
 
 

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.blur import (
+    FEW_TERMS,
+    FEWER_TERMS,
     TAIL,
     fewer_terms,
     interval_integrals,
@@ -142,14 +144,20 @@ def _composite_image(
         weight += float(mixture.weight[narrow & ~strict].sum())
         # what is much narrower than a sub-pixel blurs its edges alone
         local = strict & (mixture.variance < (_LOCAL * free) ** 2)
-        few, rest = fewer_terms(mixture.only(local)), mixture.only(strict & ~local)
-        blurring = GaussianMixture(np.append(few.weight, rest.weight), np.append(few.variance, rest.variance))
-        allowed = np.append(narrow_error(few, tolerance, math.inf, brightest), allowed[strict & ~local])
-        width = np.sqrt(blurring.variance)
         bounds = detector.bounds()
-        spacing = np.maximum(ray_spacing(width, allowed), ray_count(point, bounds).closest())
+        closest = ray_count(point, bounds).closest()
+        rest = mixture.only(strict & ~local)
+        for count in (FEW_TERMS, FEWER_TERMS):
+            few = fewer_terms(mixture.only(local), count)
+            blurring = GaussianMixture(np.append(few.weight, rest.weight), np.append(few.variance, rest.variance))
+            errors = np.append(narrow_error(few, tolerance, math.inf, brightest), allowed[strict & ~local])
+            width = np.sqrt(blurring.variance)
+            spacing = ray_spacing(width, errors)
+            if np.all(spacing >= closest):
+                break
+        spacing = np.maximum(spacing, closest)
         # a tenth of the tolerance is what each may err by
-        unresolved = 0.1 * tolerance.pixel * float(np.max(ray_error(width, spacing) / allowed - 1.0, initial=0.0))
+        unresolved = 0.1 * tolerance.pixel * float(np.max(ray_error(width, spacing) / errors - 1.0, initial=0.0))
         for grid in spot_grids(point, blurring, spacing, bounds):
             _add_by_grid(light, edges_x, edges_y, grid)
     light[rows, columns] += weight * unscattered
