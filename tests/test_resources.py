@@ -8,7 +8,9 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from planned import PAPER, paper, planned
@@ -18,6 +20,7 @@ from psfcli import recipe
 from psfcli.cli.plan import describe
 from psfcli.image.grid import Detector
 from psfcli.planning.resources import resources
+from psfcli.products import rehearsal
 from psfcli.products.rehearsal import writing_seconds
 
 QUICK = ("--accuracy", "draft", "--set", "ensquared_energy={half_widths: [21 um]}")
@@ -162,11 +165,23 @@ def test_the_time_predicted_has_the_writing_in_it_and_leaves_nothing(tmp_path, m
     scene, images = planned(system)
     header = recipe.header(system, scene)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    few = writing_seconds(header, ("fits", "csv"), images[0, 0])
-    many = writing_seconds(replace(header, fields=header.fields * 2000), ("fits", "csv"), images[0, 0])
-    assert 0.0 < few < many
-    # 2000 rows of tables alone take longer than this
-    assert many > few + 0.01
+    assert writing_seconds(header, ("fits", "csv"), images[0, 0]) > 0.0
+    # by a clock that ticks once per image of as many pixels as are tried
+    clock, add = count(), rehearsal.ProductWriter.add
+    now = [0]
+
+    def ticking(*arguments):
+        now[0] = next(clock)
+        add(*arguments)
+
+    monkeypatch.setattr(rehearsal.ProductWriter, "add", ticking)
+    monkeypatch.setattr(rehearsal, "time", SimpleNamespace(perf_counter=lambda: float(now[0])))
+    tried = min(header.detector.pixels, rehearsal._PIXELS)
+    larger = (header.detector.pixels / tried) ** 2
+    for times in (1, 2000):
+        many = replace(header, fields=header.fields * times)
+        first = writing_seconds(many, ("fits", "csv"), images[0, 0])
+        assert first == pytest.approx(larger * len(many.fields), abs=1.0)
     assert list(tmp_path.iterdir()) == []
 
 
