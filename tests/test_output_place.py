@@ -64,16 +64,18 @@ def test_memory_does_not_grow_with_the_fields(tmp_path):
     image = random_image(header)
     plane = image.psf_over.nbytes
     write_run(tmp_path / "warm", run_header(fields=1))
-    tracemalloc.start()
-    try:
-        with ProductWriter(tmp_path / "out", header) as products:
-            for field in range(80):
-                products.add(0, field, image)
-            peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+    peaks = []
+    for number in range(3):  # what other threads of the tests allocate meanwhile is traced, too: the least counts
+        tracemalloc.start()
+        try:
+            with ProductWriter(tmp_path / f"out{number}", header) as products:
+                for field in range(80):
+                    products.add(0, field, image)
+                peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
     # the plane turned to big-endian and to float32, its sums, and the header of 160 parts; 80 planes would be 16 MB
-    assert peak < 6 * plane
+    assert min(peaks) < 6 * plane
 
 
 @pytest.mark.parametrize("kind", [RuntimeError, KeyboardInterrupt])
