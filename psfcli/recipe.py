@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
-from psfcli.image.geometric import spot_statistics
+from psfcli.image.geometric import spots
 from psfcli.image.point import WavelengthScatter, field_images, wavelength_scatter
 from psfcli.planning.plan import Plan, plan_scene
 from psfcli.planning.sharing import Computation
@@ -131,7 +131,8 @@ def as_asked_for(scene: Plan, computation: Computation, image: FieldImage) -> It
     for twin in computation.stands_for:
         left_out, made = scene.left_out[twin.wavelength_index], twin.symmetry.image(image)
         if scene.modelled_telescope != scene.telescope:
-            made = replace(made, spot=spot_statistics(scene.telescope, scene.fields[twin.field_index]))
+            (spot,) = spots(scene.telescope, [scene.fields[twin.field_index]])
+            made = replace(made, spot=spot)
         reached = Tolerance(made.reached.pixel + left_out.pixel, made.reached.ee + left_out.ee)
         yield twin.wavelength_index, twin.field_index, replace(made, reached=reached)
 

@@ -150,11 +150,11 @@ def large_kernel() -> None:
     size = fft.next_fast_len(2559, real=True)
     plane = np.random.default_rng(0).random((size, size))
     from psfcli.image.composite import composite_images
-    from psfcli.image.geometric import geometrical_image
+    from psfcli.image.geometric import geometrical_images
 
     def kernel() -> None:
-        point = geometrical_image(scene.telescope, scene.fields[0])
-        list(composite_images([point], scatter.halo, detector, scene.tolerance))
+        points = geometrical_images(scene.telescope, scene.fields[:1])
+        list(composite_images(points, scatter.halo, detector, scene.tolerance))
 
     def pair() -> None:
         fft.irfft2(fft.rfft2(plane, workers=1), (size, size), workers=1)

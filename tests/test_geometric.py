@@ -15,7 +15,7 @@ from truth.specular import specular_energy
 
 from psfcli.image.blur import TAIL, ray_spacing
 from psfcli.image.boxes import unscattered_in_boxes
-from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_image, spot_statistics
+from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_images, spots
 from psfcli.image.graded import graded_rays
 from psfcli.image.patches import EVERYWHERE, patches_apart, ray_count
 from psfcli.image.unscattered import unscattered_in_windows, unscattered_on_grid
@@ -34,7 +34,8 @@ def produced(case: TruthSystem) -> GeometricalImage:
     pupil = Pupil(case.obscuration, case.sector) if case.sector else Pupil(case.obscuration)
     telescope = Telescope(case.image_slope, pupil, SeidelTable(**case.seidel), MAX_FIELD, 1750.0)
     H, azimuth = math.hypot(*case.field), math.atan2(case.field[1], case.field[0])
-    return geometrical_image(telescope, Field(math.atan(H * math.tan(MAX_FIELD)), azimuth if H else math.pi / 2.0))
+    field = Field(math.atan(H * math.tan(MAX_FIELD)), azimuth if H else math.pi / 2.0)
+    return geometrical_images(telescope, [field])[0]
 
 
 def case_of(field=(0.0, 1.0), obscuration=0.48, sector=None, **seidel) -> TruthSystem:
@@ -332,7 +333,7 @@ def test_the_spot_reaches_as_far_as_its_farthest_rays(seed):
     seidel = SeidelTable(*(draw.uniform(-1.0, 1.0, 6) * 10.0 ** draw.uniform(-3.0, 0.0, 6) * 1e-4))
     telescope = Telescope(SLOPE, Pupil(inner, (low, high)), seidel, MAX_FIELD, 1750.0)
     field = Field(draw.uniform(-MAX_FIELD, MAX_FIELD), draw.uniform(0.0, 6.0) if seed % 3 else math.pi / 2.0)
-    spot, relative, step = spot_statistics(telescope, field), telescope.relative_field(field), 1e-3
+    spot, relative, step = spots(telescope, [field])[0], telescope.relative_field(field), 1e-3
 
     def landing(axis, rho, azimuth):
         x, y = rho * np.cos(azimuth), rho * np.sin(azimuth)

@@ -7,7 +7,7 @@ import pytest
 
 from psfcli.image.blur import FEW_TERMS, fewer_terms, normal_probability
 from psfcli.image.boxes import blurred_in_boxes, unscattered_in_boxes
-from psfcli.image.geometric import geometrical_image, ray_bundle
+from psfcli.image.geometric import geometrical_images, ray_bundles
 from psfcli.image.graded import graded_rays
 from psfcli.image.narrow import narrow_in_squares
 from psfcli.image.squares import square_response
@@ -24,7 +24,8 @@ ON_AXIS = Field(0.0, math.radians(30.0))  # an azimuth that the image does not h
 
 
 def point(field, pupil=None):
-    return geometrical_image(Telescope(0.0543, pupil or Pupil(0.48), TABLE, math.radians(0.5), 1750.0), field)
+    telescope = Telescope(0.0543, pupil or Pupil(0.48), TABLE, math.radians(0.5), 1750.0)
+    return geometrical_images(telescope, [field])[0]
 
 
 def extent(image):
@@ -33,7 +34,7 @@ def extent(image):
 
 def by_rays(image, mixture, centres, half_width):
     """The plain sum over very many rays, the whole of the other half of the pupil included."""
-    rays = ray_bundle(image.telescope, image.field, 200, 900)
+    rays = ray_bundles(image.telescope, [image.field], 200, 900)[0]
     energy = np.zeros((len(centres), half_width.size))
     for weight, s in zip(mixture.weight, np.sqrt(mixture.variance), strict=True):
         for n, (x, y) in enumerate(centres):

@@ -8,7 +8,7 @@ import pytest
 from scipy import integrate, special
 from truth.cases import DISTANCES, SEIDEL, WAVELENGTH
 
-from psfcli.image.geometric import geometrical_image, ray_fans, spot_statistics
+from psfcli.image.geometric import geometrical_images, ray_fans, spots
 from psfcli.image.grid import Detector
 from psfcli.image.point import field_images, wavelength_scatter
 from psfcli.image.scatter import scatter_table, scattered_light
@@ -197,21 +197,21 @@ def test_phase_of_mirrors_and_refracting_surfaces():
 
 def test_scale_of_ray_errors():
     assert 1.0 / PAPER.image_slope == pytest.approx(18.421, abs=5e-4)
-    assert spot_statistics(only(W311=WAVELENGTH), Field(HALF_DEGREE)).chief_y / UM == pytest.approx(-0.17316, abs=5e-6)
+    assert spots(only(W311=WAVELENGTH), [Field(HALF_DEGREE)])[0].chief_y / UM == pytest.approx(-0.17316, abs=5e-6)
     distances = [row.magnified_distance for row in scatter_table(two_mirrors(1.8), PAPER, WAVELENGTH)]
     assert distances == pytest.approx(DISTANCES, rel=1e-14)
 
 
 def test_spots_of_the_papers_table():
-    spots = {deg: spot_statistics(PAPER, Field(math.radians(deg))) for deg in (0.0, 0.25, 0.5)}
+    found = {deg: spots(PAPER, [Field(math.radians(deg))])[0] for deg in (0.0, 0.25, 0.5)}
     for deg, rms_x, rms_y in ((0.0, 5.72, 5.72), (0.25, 3.88, 1.60), (0.5, 1.80, 11.01)):
-        assert (spots[deg].rms_x / UM, spots[deg].rms_y / UM) == pytest.approx((rms_x, rms_y), abs=0.005)  # two digits
-    assert spots[0.5].centroid_y / UM == pytest.approx(2.568, abs=5e-4)
-    assert spots[0.5].chief_y / UM == pytest.approx(0.949, abs=5e-4)
+        assert (found[deg].rms_x / UM, found[deg].rms_y / UM) == pytest.approx((rms_x, rms_y), abs=0.005)  # two digits
+    assert found[0.5].centroid_y / UM == pytest.approx(2.568, abs=5e-4)
+    assert found[0.5].chief_y / UM == pytest.approx(0.949, abs=5e-4)
     without = dataclasses.replace(PAPER, seidel=dataclasses.replace(PAPER.seidel, W311=0.0))
-    spot = spot_statistics(without, Field(HALF_DEGREE))
+    spot = spots(without, [Field(HALF_DEGREE)])[0]
     assert spot.centroid_y / UM == pytest.approx(1.619, abs=5e-4)
-    assert (spot.chief_y, spot.rms_y) == (0.0, pytest.approx(spots[0.5].rms_y, rel=1e-12))
+    assert (spot.chief_y, spot.rms_y) == (0.0, pytest.approx(found[0.5].rms_y, rel=1e-12))
 
 
 def test_ray_errors_are_minus_the_gradient_of_the_wavefront():
@@ -233,9 +233,9 @@ def test_ray_errors_are_minus_the_gradient_of_the_wavefront():
 def test_signs_of_distortion_coma_and_defocus():
     field = Field(HALF_DEGREE)
     assert PAPER.relative_field(field) == (0.0, 1.0)  # +y: where the Gaussian image goes as the field grows
-    outwards = spot_statistics(only(W311=-WAVELENGTH), field)
+    outwards = spots(only(W311=-WAVELENGTH), [field])[0]
     assert outwards.y_min == outwards.y_max > 0.0  # W311 < 0 moves the whole image away from the axis
-    coma = spot_statistics(only(W131=-WAVELENGTH), field)
+    coma = spots(only(W131=-WAVELENGTH), [field])[0]
     assert coma.y_min > 0.0  # W131 < 0: the tail points away from the axis
     assert coma.chief_y == 0.0  # where its tip is; the obscuration keeps the light off it
     top = ray_fans(only(W020=-WAVELENGTH), field, np.array([math.pi / 2.0]))[1]
@@ -245,7 +245,7 @@ def test_signs_of_distortion_coma_and_defocus():
 def test_negative_fields_mirror_and_azimuths_turn_the_image():
     edges = 5.0 * UM * np.arange(-9, 10)
     up, down, right = (
-        unscattered_on_grid(geometrical_image(PAPER, field), edges, edges, 1e-6)[0]
+        unscattered_on_grid(geometrical_images(PAPER, [field])[0], edges, edges, 1e-6)[0]
         for field in (Field(0.006), Field(-0.006), Field(0.006, 0.0))
     )
     assert np.abs(up - up[::-1]).max() > 0.01
@@ -283,7 +283,7 @@ def test_scatter_near_an_image_collapses_onto_the_specular_light():
 def test_without_roughness_the_image_is_the_geometrical_one():
     image = imaged(PAPER, (Surface("smooth", 95.0),), HALF_DEGREE)
     edges = Detector(PIXEL, 8).edges(0)
-    geometrical, _ = unscattered_on_grid(geometrical_image(PAPER, Field(HALF_DEGREE)), edges, edges, 1e-9)
+    geometrical, _ = unscattered_on_grid(geometrical_images(PAPER, [Field(HALF_DEGREE)])[0], edges, edges, 1e-9)
     np.testing.assert_allclose(image.psf, geometrical, atol=1e-8)
 
 

@@ -183,9 +183,9 @@ def test_unaberrated_systems_trace_nothing():
     scene, images = planned(system)
     assert effect(scene, "rays").because == "no aberration matters: one ray is all"
     assert len(scene.computations) == 1
-    from psfcli.image.geometric import geometrical_image
+    from psfcli.image.geometric import geometrical_images
 
-    assert geometrical_image(scene.modelled_telescope, scene.fields[1]).rays.x.size == 1
+    assert geometrical_images(scene.modelled_telescope, [scene.fields[1]])[0].rays.x.size == 1
     np.testing.assert_array_equal(images[0, 0].psf, images[0, 1].psf)
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.extent import extent
+from psfcli.image.extent import extents
 from psfcli.image.quadrature import gauss_panels
 from psfcli.image.result import Spot
 from psfcli.telescope.aberration import transverse_aberration_along_azimuths
@@ -16,11 +17,11 @@ from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Telescope
 
 Real = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 MAX_MOMENT = 14
 LARGEST_PANEL = 32  # nodes of Gauss's rule along rays
 _EXACT_RADII, _EXACT_AZIMUTHS = 12, 16  # integrates every second moment of cubic rays exactly
-_EXTENT_AZIMUTHS = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,39 +101,67 @@ def pupil_azimuths(telescope: Telescope, field: Field, count: int, *, half: bool
     return start + (stop - start) * 0.5 * (node + 1.0), 0.5 * weight
 
 
-def ray_bundle(telescope: Telescope, field: Field, radii: int, azimuths: int) -> RayBundle:
-    """Rays at the nodes of a quadrature of the uniformly lit pupil, Gauss's rule in rho times ``pupil_azimuths``.
+def ray_bundles(telescope: Telescope, fields: Sequence[Field], radii: int, azimuths: int) -> list[RayBundle]:
+    """Rays of each field at the nodes of a quadrature of the uniformly lit pupil.
 
-    Without aberrations one ray stands for all.
+    Gauss's rule in rho times ``pupil_azimuths``. Without aberrations one ray stands for all.
     """
     if telescope.seidel == SeidelTable():
-        return RayBundle(np.ones(1), np.zeros(1), np.zeros(1))
+        return [RayBundle(np.ones(1), np.zeros(1), np.zeros(1))] * len(fields)
     inner = telescope.pupil.obscuration
     node, weight = gauss_panels(radii)
     rho = inner + (1.0 - inner) * 0.5 * (node + 1.0)
-    azimuth, slice_weight = pupil_azimuths(telescope, field, azimuths)
-    fans_x, fans_y = ray_fans(telescope, field, azimuth)
-    return RayBundle(
-        np.outer(rho * weight / (1.0 + inner), slice_weight).ravel(),
-        along_fans(fans_x, rho).ravel(),
-        along_fans(fans_y, rho).ravel(),
+    azimuth, slice_weight = zip(*(pupil_azimuths(telescope, field, azimuths) for field in fields), strict=True)
+    share = np.outer(rho * weight / (1.0 + inner), slice_weight[0]).ravel()
+    relative = _relative_fields(telescope, fields)[..., None]
+    fans = transverse_aberration_along_azimuths(
+        telescope.seidel, tuple(relative), np.stack(azimuth), telescope.image_slope
     )
+    x, y = (along_fans(of, rho).reshape(len(fields), -1) for of in fans)
+    return [RayBundle(share, *landing) for landing in zip(x, y, strict=True)]
 
 
-def geometrical_image(telescope: Telescope, field: Field) -> GeometricalImage:
-    """PSF_G of a field point reduced to what later steps ask of it."""
-    spot = spot_statistics(telescope, field)
+def geometrical_images(telescope: Telescope, fields: Sequence[Field]) -> list[GeometricalImage]:
+    """PSF_G of each field point reduced to what later steps ask of it."""
     azimuths = (2 if telescope.pupil.is_full_annulus else 8) * (MAX_MOMENT + 1)
-    rays = ray_bundle(telescope, field, 2 * MAX_MOMENT, azimuths)
-    symmetric = _is_mirror_symmetric(telescope, field)
-    return GeometricalImage(
-        telescope=telescope,
-        field=field,
-        spot=spot,
-        rays=rays,
-        moments=_quasi_moments(rays, spot, symmetric=symmetric),
-        mirror_symmetric=symmetric,
-    )
+    rays = ray_bundles(telescope, fields, 2 * MAX_MOMENT, azimuths)
+    found = spots(telescope, fields)
+    symmetric = [_is_mirror_symmetric(telescope, field) for field in fields]
+    moments = _quasi_moments(rays, found, symmetric)
+    each = zip(fields, found, rays, moments, symmetric, strict=True)
+    return [GeometricalImage(telescope, *parts) for parts in each]
+
+
+def spots(telescope: Telescope, fields: Sequence[Field]) -> list[Spot]:
+    """Centroid, chief ray, rms about the centroid and extent of the geometrical spot of each field [mm]."""
+    relative = _relative_fields(telescope, fields)
+
+    def fans(azimuth: Real, of: Index) -> tuple[Real, Real]:
+        return transverse_aberration_along_azimuths(
+            telescope.seidel, tuple(relative[:, of]), azimuth, telescope.image_slope
+        )
+
+    mean, rms = spot_moments(telescope, fields)
+    chief = np.stack(fans(np.zeros(len(fields)), np.arange(len(fields))))[:, 0].T
+    bounds = extents(fans, telescope.pupil.obscuration, *telescope.pupil.sector, len(fields))
+    for n, field in enumerate(fields):
+        if _is_mirror_symmetric(telescope, field):
+            mean[n, 0], bounds[n, 0] = 0.0, -bounds[n, 1] + 0.0  # and not rounding: boxes about it keep the symmetry
+    return [Spot(*row) for row in np.concatenate([mean, chief, rms, bounds], axis=1).tolist()]
+
+
+def spot_moments(telescope: Telescope, fields: Sequence[Field]) -> tuple[Real, Real]:
+    """Centroid and rms about it of the geometrical spot of each field [mm], shape (field, 2) each."""
+    azimuths = _EXACT_AZIMUTHS if telescope.pupil.is_full_annulus else 4 * _EXACT_AZIMUTHS
+    rays = ray_bundles(telescope, fields, _EXACT_RADII, azimuths)
+    landing = np.array([(of.x, of.y) for of in rays])
+    mean = landing @ rays[0].share
+    return mean, np.sqrt((landing - mean[..., None]) ** 2 @ rays[0].share)
+
+
+def _relative_fields(telescope: Telescope, fields: Sequence[Field]) -> Real:
+    """H_x and H_y of each field, shape (2, field)."""
+    return np.array([telescope.relative_field(field) for field in fields]).T
 
 
 def _is_mirror_symmetric(telescope: Telescope, field: Field) -> bool:
@@ -140,50 +169,26 @@ def _is_mirror_symmetric(telescope: Telescope, field: Field) -> bool:
     return telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
 
 
-def spot_statistics(telescope: Telescope, field: Field) -> Spot:
-    """Centroid, chief ray, rms about the centroid and extent of the geometrical spot [mm]."""
-    azimuths = _EXACT_AZIMUTHS if telescope.pupil.is_full_annulus else 4 * _EXACT_AZIMUTHS
-    rays = ray_bundle(telescope, field, _EXACT_RADII, azimuths)
-    mean_x, mean_y = float(rays.share @ rays.x), float(rays.share @ rays.y)
-    chief_x, chief_y = (float(fans[0, 0]) for fans in ray_fans(telescope, field, np.zeros(1)))
-    x_min, x_max, y_min, y_max = extent(
-        lambda azimuth: ray_fans(telescope, field, azimuth), telescope.pupil.obscuration, *telescope.pupil.sector
-    ).tolist()
-    if _is_mirror_symmetric(telescope, field):
-        mean_x, x_min = 0.0, -x_max + 0.0  # and not rounding: boxes about it keep the symmetry
-    return Spot(
-        centroid_x=mean_x,
-        centroid_y=mean_y,
-        chief_x=chief_x,
-        chief_y=chief_y,
-        rms_x=math.sqrt(float(rays.share @ (rays.x - mean_x) ** 2)),
-        rms_y=math.sqrt(float(rays.share @ (rays.y - mean_y) ** 2)),
-        x_min=x_min,
-        x_max=x_max,
-        y_min=y_min,
-        y_max=y_max,
-    )
-
-
-def _quasi_moments(rays: RayBundle, spot: Spot, *, symmetric: bool) -> Real:
+def _quasi_moments(rays: Sequence[RayBundle], about: Sequence[Spot], symmetric: Sequence[bool]) -> Real:
     """E[He_a(eps_x - cx; rms_x^2) He_b(eps_y - cy; rms_y^2)]/(a! b!) [mm^(a+b)] for a + b <= MAX_MOMENT, zero beyond.
 
-    Shape (MAX_MOMENT + 1,) * 2. ``symmetric``: x and -x are alike.
+    Shape (spot, MAX_MOMENT + 1, MAX_MOMENT + 1). ``symmetric``: x and -x are alike.
     """
     order = np.arange(MAX_MOMENT + 1)
     factorial = np.cumprod(np.maximum(order, 1)).astype(np.float64)
-    x = _scaled_hermite(rays.x - spot.centroid_x, spot.rms_x) / factorial[:, None]
-    y = _scaled_hermite(rays.y - spot.centroid_y, spot.rms_y) / factorial[:, None]
-    moments = (x * rays.share) @ y.T
-    moments[np.add.outer(order, order) > MAX_MOMENT] = 0.0
-    if symmetric:
-        moments[1::2] = 0.0  # rounding, where symmetry has nothing
+    centroid = np.array([(spot.centroid_x, spot.centroid_y) for spot in about])[..., None]
+    rms = np.array([(spot.rms_x, spot.rms_y) for spot in about])[..., None]
+    hermite = _scaled_hermite(np.array([(of.x, of.y) for of in rays]) - centroid, rms) / factorial[:, None, None, None]
+    x, y = hermite.transpose(2, 1, 0, 3)
+    moments: Real = (x * rays[0].share) @ y.swapaxes(1, 2)
+    moments[:, np.add.outer(order, order) > MAX_MOMENT] = 0.0
+    moments[symmetric, 1::2] = 0.0  # rounding, where symmetry has nothing
     return moments
 
 
-def _scaled_hermite(x: Real, rms: float) -> Real:
-    """He_n(x; rms^2) for n = 0..MAX_MOMENT, shape (MAX_MOMENT + 1, ray): He_(n+1) = x He_n - n rms^2 He_(n-1)."""
-    out = np.empty((MAX_MOMENT + 1, x.size))
+def _scaled_hermite(x: Real, rms: Real) -> Real:
+    """He_n(x; rms^2) for n = 0..MAX_MOMENT, shape (order, *x.shape): He_(n+1) = x He_n - n rms^2 He_(n-1)."""
+    out = np.empty((MAX_MOMENT + 1, *x.shape))
     out[0] = 1.0
     out[1] = x
     for n in range(1, MAX_MOMENT):

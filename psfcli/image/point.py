@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from psfcli.image.cells import scattered_in_cells
 from psfcli.image.composite import CompositeImage, composite_images, narrow_error
 from psfcli.image.ensquared import ensquared_energy, unaberrated_energy
-from psfcli.image.geometric import GeometricalImage, geometrical_image
+from psfcli.image.geometric import GeometricalImage, geometrical_images
 from psfcli.image.grid import Detector
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
 from psfcli.image.result import EnsquaredEnergy, FieldImage
@@ -99,7 +99,7 @@ def field_images(
     with_cube: bool,
 ) -> Iterator[FieldImage]:
     """The images of ``fields``: ensquared energy, errors reached and, ``with_cube``, pixels and the light outside."""
-    points = [geometrical_image(telescope, field) for field in fields]
+    points = geometrical_images(telescope, fields)
     energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance)
     images = composite_images(points, scatter.halo, detector, tolerance) if with_cube else [None] * len(points)
     for point, image, (ensquared, scattered, error) in zip(points, images, energies, strict=True):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.geometric import spot_statistics
+from psfcli.image.geometric import spot_moments
 from psfcli.image.grid import Detector
 from psfcli.planning.approximations import airy_diameter, figure_share, kappa, scattered_twice, tis_changes
 from psfcli.planning.geometry import incidences, vignetting
@@ -108,8 +108,8 @@ def _diffraction(
     telescope: Telescope, wavelengths: Sequence[float], fields: Sequence[Field], detector: Detector
 ) -> Iterator[Criterion]:
     airy = airy_diameter(max(wavelengths), telescope.image_slope)
-    spots = (spot_statistics(telescope, field) for field in _spread(telescope, fields))
-    smallest = 2.0 * min(math.hypot(spot.rms_x, spot.rms_y) for spot in spots)
+    _, rms = spot_moments(telescope, _spread(telescope, fields))
+    smallest = 2.0 * float(np.hypot(*rms.T).min())
     yield Criterion(
         "Airy diameter / pixel",
         airy / detector.pixel,

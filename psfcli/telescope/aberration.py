@@ -28,29 +28,27 @@ def wavefront(seidel: SeidelTable, relative_field: tuple[float, float], pupil_x:
 
 
 def transverse_aberration_along_azimuths(
-    seidel: SeidelTable, relative_field: tuple[float, float], azimuth: Real, image_slope: float
+    seidel: SeidelTable, relative_field: tuple[float | Real, float | Real], azimuth: Real, image_slope: float
 ) -> tuple[Real, Real]:
     """The transverse ray error along pupil azimuths, as cubics in rho [mm] (Eq. 4).
 
     eps = -(1/u') dW/drho; along azimuth phi each component is a0 + a1 rho + a2 rho^2 + a3 rho^3. Returns the
-    coefficients of x and of y, each of shape (4, azimuths). ``image_slope`` is u'.
+    coefficients of x and of y, each of shape (4, *azimuth.shape); the components of ``relative_field`` are numbers, or
+    arrays that broadcast with ``azimuth``. ``image_slope`` is u'.
     """
     Hx, Hy = relative_field
     H2 = Hx**2 + Hy**2
     cos, sin = np.cos(azimuth), np.sin(azimuth)
     along = Hx * cos + Hy * sin
-    x, y = (
-        np.stack(
-            [
-                np.full_like(azimuth, seidel.W311 * H2 * h),
-                2.0 * (seidel.W020 + seidel.W220 * H2) * u + 2.0 * seidel.W222 * along * h,
-                seidel.W131 * (2.0 * along * u + h),
-                4.0 * seidel.W040 * u,
-            ]
-        )
-        for u, h in ((cos, Hx), (sin, Hy))
-    )
-    return -x / image_slope, -y / image_slope
+    defocus, astigmatism = 2.0 * (seidel.W020 + seidel.W220 * H2), 2.0 * seidel.W222 * along
+    x, y = np.empty((2, 4, *along.shape))
+    for fan, u, h in ((x, cos, Hx), (y, sin, Hy)):
+        fan[0] = seidel.W311 * H2 * h
+        fan[1] = defocus * u + astigmatism * h
+        fan[2] = seidel.W131 * (2.0 * along * u + h)
+        fan[3] = 4.0 * seidel.W040 * u
+        fan /= -image_slope
+    return x, y
 
 
 def aberration_gradient(

@@ -6,9 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
 from psfcli import recipe
 from psfcli.config.model import System
-from psfcli.image.geometric import spot_statistics
+from psfcli.image.geometric import spot_moments
 from psfcli.image.result import FieldImage
 from psfcli.telescope.system import Field
 from psfcli.tolerance import PRESETS, Tolerance
@@ -38,9 +40,8 @@ class Tradeoff:
 
 def demanding(system: System) -> System:
     """The system at its shortest wavelength, where most light scatters, and in the field of the largest rms spot."""
-    spots = [spot_statistics(system.telescope, field) for field in system.fields]
-    size = [spot.rms_x**2 + spot.rms_y**2 for spot in spots]
-    field: Field = system.fields[size.index(max(size))]
+    _, rms = spot_moments(system.telescope, system.fields)
+    field: Field = system.fields[int(np.hypot(*rms.T).argmax())]
     return replace(system, wavelengths=(min(system.wavelengths),), fields=(field,))
 
 
