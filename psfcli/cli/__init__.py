@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import importlib
 import os
 import sys
@@ -22,6 +23,10 @@ _COMMANDS = {
     "compare": "Measure the differences between two products.",
     "schema": "Print the JSON Schema of the system file.",
 }
+
+
+# made between two searches for garbage: imports make many and leave none, and Python would search them a hundred times
+_OBJECTS = 200_000
 
 
 class _Commands(click.Group):
@@ -48,6 +53,7 @@ class _Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> object:
         """Run a command; what users can act on becomes lines on stderr and an exit code, a bug its traceback."""
+        gc.set_threshold(_OBJECTS)
         try:
             answer = super().invoke(ctx)
             sys.stdout.flush()

@@ -137,6 +137,7 @@ def _clips(surfaces: Sequence[Surface], telescope: Telescope, wavelength: float)
     return np.array([_clip_separation(s, wavelength) for s in surfaces]) / (wavelength * distance)
 
 
+@lru_cache(maxsize=64)  # the plan asks for it, and so do both mixtures of a wavelength
 def _clip_separation(surface: Surface, wavelength: float) -> float:
     """The separation r [mm] below which the exponent K^2 C(r) - g is positive; 0 where no roughness lies beyond."""
     low, high = 1e-9 * wavelength, 10.0 * wavelength

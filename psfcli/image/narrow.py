@@ -89,7 +89,7 @@ def _by_grid(grid: SpotGrid, centres: Sequence[tuple[float, float]], half_width:
     reach_x = np.maximum(grid.x[-1] - x, x - grid.x[0])
     reach_y = np.maximum(grid.y[-1] - y, y - grid.y[0])
     some = int(np.searchsorted(half_width, float(np.maximum(reach_x, reach_y).max()) + margin))
-    (x, in_column), (y, in_row) = (np.unique(c, return_inverse=True) for c in (x, y))  # centres share them
+    (x, in_column), (y, in_row) = _distinct(x), _distinct(y)  # centres share them
     width = np.sqrt(grid.mixture.variance - grid.tau2)
     together = max(1, _AT_ONCE // (width.size * len(centres) * max(grid.x.size, grid.y.size)))
     for first in range(0, some, together):
@@ -100,6 +100,12 @@ def _by_grid(grid: SpotGrid, centres: Sequence[tuple[float, float]], half_width:
         )
         energy[:, boxes] = np.einsum("t,tcbx,tcbx->cb", grid.mixture.weight, in_y[:, in_row], in_x[:, in_column])
     return energy
+
+
+def _distinct(values: Real) -> tuple[Real, list[int]]:
+    """The distinct ones of a few ``values``, and which of these each is."""
+    place = {value: n for n, value in enumerate(dict.fromkeys(values.tolist()))}
+    return np.array(list(place)), [place[value] for value in values.tolist()]
 
 
 def _between(centre: Real, half_width: Real, node: Real, width: Real) -> Real:

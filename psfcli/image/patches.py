@@ -39,7 +39,7 @@ _SIDE = 8  # rays of a patch along the radius, at most, and along the azimuth
 _FEWEST_RADII, _FEWEST_AZIMUTHS = 4.0, 6.0
 _SLOWEST = 0.02  # of the largest speed: no ring is wider in the pupil than this lets it be
 _PATCHES_AT_ONCE = 16  # that a processor's cache holds
-_RINGS, _SPOKES = 64, 256  # of the table of speeds
+_RINGS, _SPOKES = 48, 96  # of the table of speeds
 
 
 @dataclass(frozen=True, slots=True)

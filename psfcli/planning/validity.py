@@ -39,7 +39,7 @@ EQ_42 = 0.05
 SMALL_ANGLE = 0.3
 """Sine of a scattering angle above which it is not small."""
 
-_MOST_FIELDS = 64
+_MOST_SPOTS, _MOST_EQ_42 = 64, 16  # fields looked at
 _ANGLES = np.radians(np.arange(0.0, 89.05, 0.1))
 
 
@@ -108,7 +108,7 @@ def _diffraction(
     telescope: Telescope, wavelengths: Sequence[float], fields: Sequence[Field], detector: Detector
 ) -> Iterator[Criterion]:
     airy = airy_diameter(max(wavelengths), telescope.image_slope)
-    _, rms = spot_moments(telescope, _spread(telescope, fields))
+    _, rms = spot_moments(telescope, _spread(telescope, fields, _MOST_SPOTS))
     smallest = 2.0 * float(np.hypot(*rms.T).min())
     yield Criterion(
         "Airy diameter / pixel",
@@ -131,7 +131,7 @@ def _eq_42(telescope: Telescope, fields: Sequence[Field], rays: ParaxialTrace | 
         height = telescope.focal_length * math.tan(telescope.max_field)
     elif rays is not None:
         height = rays.image_height
-    value = max(kappa(telescope, field, height) for field in _spread(telescope, fields))
+    value = max(kappa(telescope, field, height) for field in _spread(telescope, fields, _MOST_EQ_42))
     advice = "scattered light lands off by that share of its distance from the image point, by aberrations of Eq. 42"
     if math.isnan(height):
         advice = "at finite conjugates the image height, and so the error of Eq. 42, is known of a prescription alone"
@@ -237,8 +237,8 @@ def _worst(of: Callable[[float], Real], wavelengths: Sequence[float]) -> Real:
     return np.max([of(wavelength) for wavelength in wavelengths], axis=0)
 
 
-def _spread(telescope: Telescope, fields: Sequence[Field]) -> list[Field]:
-    """Not too many of the fields, evenly spread by distance from the axis, the nearest and the farthest among them."""
+def _spread(telescope: Telescope, fields: Sequence[Field], most: int) -> list[Field]:
+    """At most ``most`` of the fields, evenly spread by distance from the axis, nearest and farthest among them."""
     ordered = sorted(fields, key=lambda field: math.hypot(*telescope.relative_field(field)))
-    places = np.linspace(0, len(ordered) - 1, min(len(ordered), _MOST_FIELDS)).round().astype(int)
+    places = np.linspace(0, len(ordered) - 1, min(len(ordered), most)).round().astype(int)
     return [ordered[place] for place in places]

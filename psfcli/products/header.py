@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import sys
 import unicodedata
 from dataclasses import dataclass
 from functools import cache
@@ -90,8 +91,13 @@ class ImageSummary:
 @cache
 def versions() -> dict[str, str]:
     """The versions of psfcli and of what computes and writes for it, by name."""
-    packages = {name: version(name) for name in ("psfcli", "numpy", "scipy", "astropy")}
+    packages = {name: _version(name) for name in ("psfcli", "numpy", "scipy", "astropy")}
     return {**packages, "python": platform.python_version()}
+
+
+def _version(package: str) -> str:
+    # what is loaded knows it; what is installed is asked ten times as slowly
+    return getattr(sys.modules.get(package), "__version__", None) or version(package)
 
 
 def ascii_line(text: str) -> str:
