@@ -16,7 +16,7 @@ from psfcli.image.quadrature import gauss_legendre
 
 Real = NDArray[np.float64]
 
-_FIRST_RADII, _FIRST_AZIMUTHS = 2, 8
+_FIRST_RADII, _FIRST_AZIMUTHS = 1, 8
 _NODES = 5  # of each cell, either way
 _SIZE = 3.0  # spacings that a cell may be wide
 _MOST_CELLS = 200_000
