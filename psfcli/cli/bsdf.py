@@ -7,12 +7,13 @@ from pathlib import Path
 
 import click
 
+from psfcli.cli.options import changes_system, directory_for, writes_to
 from psfcli.config import SCATTER_INCIDENCE, SCATTER_PLANE, angles, load
 
 
 @click.command()
 @click.argument("config", metavar="CONFIG")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2.")
+@changes_system
 @click.option("--surface", "names", multiple=True, metavar="NAME", help="Only this surface; repeatable.")
 @click.option(
     "--incidence",
@@ -31,9 +32,7 @@ from psfcli.config import SCATTER_INCIDENCE, SCATTER_PLANE, angles, load
     help="Azimuth of the plane of scatter, which holds the normal, from the plane of incidence.",
 )
 @click.option("--wavelength", metavar='"9.4 nm"', help="Default: the shortest of CONFIG, where most light scatters.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_bsdf.")
-@click.option("--overwrite", is_flag=True, help="Replace the profiles that stand in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="Nothing on stderr but errors.")
+@writes_to("<config stem>_bsdf", "profiles that stand")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -69,7 +68,7 @@ def command(
     from psfcli.scattering import picture, profile, table
 
     shortest = min(system.wavelengths)
-    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_bsdf")
+    directory = directory_for(output, config, "_bsdf")
     title = f"{system.title or 'Untitled system'}: {1e6 * shortest:.6g} nm" + (
         f", plane of scatter at {math.degrees(azimuth):.6g}°" if azimuth else ""
     )

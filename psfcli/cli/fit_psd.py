@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from psfcli.cli.options import directory_for, writes_to
 from psfcli.config import load, wavelengths_in
 from psfcli.config.measured import image_bands, psd_block, unmeasured
 from psfcli.config.spectra import Stated, read_spectra
@@ -39,9 +40,7 @@ _STEM = "fit_psd"
     help="Tell rms and TIS of what scatters there; repeatable; default: those of --config.",
 )
 @click.option("--config", metavar="CONFIG", help="A system file: warn of what its image uses and nobody measured.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <stem of FILE>_fit.")
-@click.option("--overwrite", is_flag=True, help="Replace the fit that stands in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="Nothing on stderr but errors.")
+@writes_to("<stem of FILE>_fit", "fit that stands")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -77,7 +76,7 @@ def command(
     from psfcli.products.report import opened, write_report
 
     gain = 0.0 if no_offsets else GAIN_ERROR if gain_error is None else gain_error
-    directory = output or Path(("stdin" if files[0] == "-" else Path(files[0]).stem) + "_fit")
+    directory = directory_for(output, files[0], "_fit")
     with opened(directory, _STEM, overwrite=overwrite) as stage:
         try:
             found = fit(spectra, terms, gain)

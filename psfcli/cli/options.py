@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -59,6 +60,12 @@ class MemorySize(click.ParamType[float]):
         return 0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
+changes_system = click.option(
+    "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2."
+)
+"""Values of CONFIG replaced by dotted key; the command gets ``overrides``."""
+
+
 def loads_system(command: Callable[..., Any]) -> Callable[..., Any]:
     """CONFIG and the options that change what it says; the command gets ``config`` and the ``system`` they make."""
 
@@ -80,7 +87,7 @@ def loads_system(command: Callable[..., Any]) -> Callable[..., Any]:
         (
             click.argument("config", metavar="CONFIG"),
             click.option("--field", "fields", multiple=True, metavar='"0.3 deg"', help="Replaces fields; repeatable."),
-            click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2."),
+            changes_system,
             click.option(
                 "--accuracy",
                 "accuracy_name",
@@ -115,6 +122,35 @@ def asks_for_products(command: Callable[..., Any]) -> Callable[..., Any]:
     ):
         command = decorate(command)
     return command
+
+
+def writes_to(
+    default: str, written: str, quiet: str = "Nothing on stderr but errors."
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """The directory of what is ``written`` and its ``default`` as the help says them, and how ``quiet`` it is done.
+
+    The command gets ``output``, ``overwrite`` and ``quiet``.
+    """
+
+    def decorator(command: Callable[..., Any]) -> Callable[..., Any]:
+        for decorate in reversed(
+            (
+                click.option(
+                    "-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help=f"Default: {default}."
+                ),
+                click.option("--overwrite", is_flag=True, help=f"Replace the {written} in DIR."),
+                click.option("-q", "--quiet", is_flag=True, help=quiet),
+            )
+        ):
+            command = decorate(command)
+        return command
+
+    return decorator
+
+
+def directory_for(output: Path | None, source: str, ending: str) -> Path:
+    """The directory asked for; by default the stem of the file ``source`` (- for standard input) with an ``ending``."""
+    return output or Path(("stdin" if source == "-" else Path(source).stem) + ending)
 
 
 def accuracy(name: str | None, pixel_error: float | None, ee_error: float | None) -> Tolerance | str | None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from psfcli.cli.options import MemorySize, asks_for_products, loads_system
+from psfcli.cli.options import MemorySize, asks_for_products, directory_for, loads_system, writes_to
 
 if TYPE_CHECKING:
     from psfcli.config import System
@@ -20,11 +20,9 @@ if TYPE_CHECKING:
 
 @click.command()
 @loads_system
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_psf.")
+@writes_to("<config stem>_psf", "products that stand", quiet="No reports on stderr but errors.")
 @asks_for_products
-@click.option("--overwrite", is_flag=True, help="Replace the products that stand in DIR.")
 @click.option("--dry-run", is_flag=True, help="Say what would be computed, as psfcli plan does; write nothing.")
-@click.option("-q", "--quiet", is_flag=True, help="No reports on stderr but errors.")
 @click.option("-v", "--verbose", is_flag=True, help="Report time and processes too.")
 @click.pass_context
 def command(
@@ -45,7 +43,7 @@ def command(
     Prints the paths written. Exit status: 0 done, 1 failed, 2 fault in the usage or the system file, 3 the accuracy
     asked for was not met (the products say so), 4 the output exists or cannot be written, 130 interrupted.
     """
-    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_psf")
+    directory = directory_for(output, config, "_psf")
 
     def say(line: str) -> None:
         if not quiet:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from psfcli.cli.options import MemorySize
+from psfcli.cli.options import MemorySize, changes_system, directory_for, writes_to
 from psfcli.config import load
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ _FULL_SECONDS = 20.0
 
 @click.command()
 @click.argument("config", metavar="CONFIG")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2.")
+@changes_system
 @click.option("--field", metavar='"0.3 deg"', help="Default: the field of CONFIG with the largest spot.")
 @click.option("--wavelength", metavar='"9.4 nm"', help="Default: the shortest of CONFIG, where most light scatters.")
 @click.option("--quick", is_flag=True, help="The three accuracies with a name, small rivals, everything timed once.")
@@ -31,9 +31,7 @@ _FULL_SECONDS = 20.0
     metavar="S",
     help=f"Rivals that would take longer are left out; default {_FULL_SECONDS:g}, with --quick {_QUICK_SECONDS:g}.",
 )
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_tradeoff.")
-@click.option("--overwrite", is_flag=True, help="Replace the tradeoff that stands in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="Nothing on stderr but errors.")
+@writes_to("<config stem>_tradeoff", "tradeoff that stands")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -67,7 +65,7 @@ def command(
     from psfcli.tradeoff import ladder, picture, table
     from psfcli.tradeoff.rivals import Limits
 
-    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_tradeoff")
+    directory = directory_for(output, config, "_tradeoff")
     limits = Limits(
         seconds=max_seconds or (_QUICK_SECONDS if quick else _FULL_SECONDS),
         memory=MemorySize.default(),

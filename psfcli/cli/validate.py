@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from psfcli.cli.options import changes_system, directory_for, writes_to
 from psfcli.config import load
 
 if TYPE_CHECKING:
@@ -42,12 +43,10 @@ class Rays(click.ParamType[int]):
 @click.option("--level", type=click.Choice(["third-order", "exact"]), default="third-order", show_default=True)
 @click.option("--field", "fields", multiple=True, metavar='"0.3 deg"', help="Replaces fields; repeatable.")
 @click.option("--wavelength", metavar='"9.4 nm"', help="Replaces wavelengths.")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2.")
+@changes_system
 @click.option("--seed", type=click.IntRange(0, 2**63), default=0, show_default=True, metavar="S")
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, metavar="N", help="Processes.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <stem>_validation.")
-@click.option("--overwrite", is_flag=True, help="Replace the validation that stands in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="Nothing on stderr but errors.")
+@writes_to("<stem>_validation", "validation that stands")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -91,7 +90,7 @@ def command(
     from psfcli.validation.comparison import extreme
     from psfcli.validation.trust import EXACT
 
-    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_validation")
+    directory = directory_for(output, config, "_validation")
     kind = levels.Level(level)
     with opened(directory, "validation", overwrite=overwrite) as stage:
         say(_forecast(system, rays, levels.seconds(system, kind, rays, jobs)))
