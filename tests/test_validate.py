@@ -3,12 +3,12 @@
 import csv
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import mpmath
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from planned import CONFIGS, PAPER, WEDGE
 from scipy import special, stats
 
 import psfcli
@@ -18,27 +18,7 @@ from psfcli.telescope.system import Field
 from psfcli.validation import levels, table
 from psfcli.validation.comparison import CENTRES, FALSE_ALARM, Comparison, Criterion, extreme
 
-CONFIGS = Path(__file__).resolve().parent.parent / "configs"
-PAPER = CONFIGS / "euv_two_mirror.yaml"
 THIRD_ORDER = levels.Level.THIRD_ORDER
-WEDGE = """schema: 1
-wavelengths: [13.5 nm, 20 nm]
-telescope:
-  image_distance: 2 m
-  exit_pupil_radius: 50 mm
-  obscuration: 0.3
-  sector: [60 deg, 120 deg]
-  max_field: 5 mm
-  seidel: {reference_wavelength: 13.5 nm, W020: -10, W040: 2, W131: 3, W222: 5}
-surfaces:
-  - marginal_height: 50 mm
-    psd: [{sigma: 0.4 nm, B: 1 mm, C: 1.8}, {sigma: 0.2 nm, B: 0.05 mm, C: 2.5}]
-    incidence: 8 deg
-  - marginal_height: 20 mm
-    psd: {sigma: 0.3 nm, B: 5 mm, C: 1.2}
-fields: [0 mm, {radius: 3 mm, azimuth: 30 deg}]
-detector: {pixel: 10 um, pixels: 9}
-"""
 FEW = ["--set", "ensquared_energy={half_widths: [2 um, 21 um, 84 um, 1 mm]}", "--set", "fields=[0 deg, 0.5 deg]"]
 
 
