@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import math
+import re
 import subprocess
 import sys
 import warnings
@@ -11,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 import yaml
+from planned import CONFIGS
 from promise import kept, truth_of
 
 import psfcli
 from psfcli.recipe import SceneError
+from psfcli.surface.harvey_shack import phase_variance
 
 if TYPE_CHECKING:
     from psfcli.products.arrays import Result
@@ -35,6 +39,7 @@ PAPER: dict[str, Any] = {
     "detector": {"pixel": "21 um", "pixels": 8, "oversample": 3},
     "ensquared_energy": {"half_widths": ["1 um", "10 um", "1 mm", "10 mm"]},
 }  # fmt: skip
+README = CONFIGS.parent / "README.md"
 ENERGIES = ("ee", "ee_chief", "ee_centroid", "ee_unaberrated")
 WAVES = {name: waves for name, waves in PAPER["telescope"]["seidel"].items() if name.startswith("W")}
 
@@ -199,6 +204,32 @@ def test_enormous_aberrations_end_and_tell_what_they_reached(run, factor):
     assert result.psf.min() > 0.0
     # spots of up to a metre: exit code 3 is right where four million rays do not resolve the core
     assert factor > 300.0 or result.reached[0].pixel <= 3e-2
+
+
+# the table of README, Limits: g, and C up to which each accuracy is met
+STEEPEST = [
+    (float(g), accuracy, float(C))
+    for g, *row in re.findall(r"^  \| ([\d.]+) \| (\d+) \| (\d+) \|$", README.read_text(), re.MULTILINE)
+    for accuracy, C in zip(("standard", "reference"), row, strict=True)
+]
+
+
+@pytest.mark.parametrize(("g", "accuracy", "C"), STEEPEST)
+@pytest.mark.parametrize("B", ["0.1 mm", "1 mm", "10 mm"])
+def test_spectra_as_steep_as_readme_says_are_met(g, accuracy, C, B):
+    def rough(sigma: float) -> psfcli.System:
+        term = f"surfaces.0.psd={{sigma: {sigma!r} nm, B: {B}, C: {C:g}}}"
+        return psfcli.load(CONFIGS / "one_rough_mirror.yaml", [term], tolerance=accuracy)
+
+    one = rough(1.0)
+    system = rough(math.sqrt(g / phase_variance(one.surfaces[0], one.wavelengths[0])))
+    result = psfcli.run(system)
+    assert all(reached.pixel <= system.tolerance.pixel for reached in result.reached)
+    assert all(reached.ee <= system.tolerance.ee for reached in result.reached)
+
+
+def test_the_table_of_readme_is_found():
+    assert len(STEEPEST) == 10
 
 
 # -- outside what the model means, or what can be computed
