@@ -291,8 +291,8 @@ def many_fields() -> str:
     turned, apart = (float(np.abs(d).max()) for d in (energies - energies[::-1], energies[chosen] - alone))
     return (
         f"{limits.COUNT} fields in one file: the energy in a square of 10 um differs by at most {_digit(turned)}\n"
-        f"from that of the field turned half round, and by {_digit(apart)} from that of {len(alone)} fields, each in a file of its "
-        "own.\n"
+        f"from that of the field turned half round, and by {_digit(apart)} from that of {len(alone)} fields, each in a "
+        "file of its own.\n"
     )
 
 
