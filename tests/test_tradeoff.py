@@ -136,6 +136,7 @@ def test_without_matplotlib_there_is_a_table_and_no_old_picture(tmp_path, monkey
         (["nowhere.yaml"], "nowhere.yaml: no such file\n"),
         ([PAPER, "--field", "5"], '--field "5": fields[0]: 5 has no unit; write for example 5 deg\n'),
         ([PAPER, "--wavelength", "9"], '--wavelength "9": wavelengths[0]: 9 has no unit; write for example 9 nm\n'),
+        ([PAPER, "--max-seconds", "nan"], "Error: Invalid value for '--max-seconds': nan is no number\n"),
         ([PAPER, "--max-seconds", "0"], "Error: Invalid value for '--max-seconds': 0.0 is not in the range x>0.0.\n"),
     ],
 )  # fmt: skip

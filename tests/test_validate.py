@@ -255,6 +255,15 @@ def test_wrong_input_is_told_before_any_ray_is_traced(tmp_path, arguments, messa
     assert not (tmp_path / "out").exists()
 
 
+def test_a_convolution_that_cannot_be_had_is_told_before_any_ray_is_traced(tmp_path, monkeypatch):
+    monkeypatch.setattr(levels, "_rays", None)
+    refused = invoke(PAPER, *FEW, "--set", "surfaces.0.psd.C=300", "-o", tmp_path / "out")
+    assert refused.exit_code == 1
+    assert refused.stderr.startswith("at 9.4 nm: scatter with C = 300")
+    assert len(refused.stderr.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_validation_that_stands_is_not_replaced_unasked(done):
     refused = invoke(PAPER, *FEW, "-o", done[1])
     assert refused.exit_code == 4

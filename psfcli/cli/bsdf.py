@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from psfcli.cli.options import changes_system, directory_for, writes_to
-from psfcli.config import SCATTER_INCIDENCE, SCATTER_PLANE, angles, load
+from psfcli.config import SCATTER_INCIDENCE, SCATTER_PLANE, load, quantities
 
 
 @click.command()
@@ -52,14 +52,16 @@ def command(
     the BSDF departs from that of normal incidence within three distances |beta - beta_0|; then the paths of bsdf.csv
     and bsdf.png (which needs matplotlib). The incidence of the system file is not used.
     """
-    incidence = angles("--incidence", incidences, SCATTER_INCIDENCE)
-    (azimuth,) = angles("--plane", [plane], SCATTER_PLANE)
+    incidence = quantities("--incidence", incidences, SCATTER_INCIDENCE)
+    (azimuth,) = quantities("--plane", [plane], SCATTER_PLANE)
     system = load(config, overrides, wavelength=wavelength)
     surfaces = [surface for surface in system.surfaces if not names or surface.name in names]
+    if not system.surfaces:
+        raise click.UsageError(f"{config}: the system has no surfaces, and so no BSDF")
     unknown = [name for name in names if name not in {surface.name for surface in surfaces}]
-    known = ", ".join(surface.name for surface in system.surfaces) or "none, the system has no surfaces"
-    if unknown or not surfaces:
-        raise click.UsageError(f"--surface: {', '.join(map(repr, unknown)) or 'no surface'} unknown; allowed: {known}")
+    if unknown:
+        known = ", ".join(surface.name for surface in system.surfaces)
+        raise click.UsageError(f"--surface: {', '.join(map(repr, unknown))} unknown; allowed: {known}")
     if not quiet:
         for warning in system.warnings:
             click.echo(f"warning: {warning}", err=True)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from psfcli.cli.options import directory_for, writes_to
-from psfcli.config import load, wavelengths_in
+from psfcli.cli.options import Amount, directory_for, writes_to
+from psfcli.config import WAVELENGTH, load, quantities
 from psfcli.config.measured import image_bands, psd_block, unmeasured
 from psfcli.config.spectra import Stated, read_spectra
 from psfcli.metrology.measurement import GAIN_ERROR, KINDS, MOST_TERMS
@@ -27,7 +27,7 @@ _STEM = "fit_psd"
 @click.option("--psd-unit", metavar="UNIT", help="Of the files that do not say, such as 'nm2 mm2'.")
 @click.option(
     "--gain-error",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
+    type=Amount(0.0, 1.0, min_open=True),
     metavar="X",
     help=f"Standard error of the gain of each instrument's PSD, relative; default {GAIN_ERROR:g}.",
 )
@@ -66,8 +66,10 @@ def command(
     """
     if no_offsets and gain_error is not None:
         raise click.UsageError("--no-offsets excludes --gain-error")
-    asked = wavelengths_in(wavelengths)
-    system = load(config) if config else None
+    if config == "-" and "-" in files:
+        raise click.UsageError("standard input (-) is one file: name the others")
+    asked = quantities("--wavelength", wavelengths, WAVELENGTH)
+    system = None if config is None else load(config)
     spectra = read_spectra(files, Stated(kind or "", frequency_unit or "", psd_unit or ""))
     # numpy, scipy: not before the files are known to be good
     from psfcli.metrology import picture, report, table

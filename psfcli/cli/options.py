@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -32,6 +33,15 @@ class Formats(click.ParamType[tuple[str, ...]]):
             if part not in FORMATS:
                 self.fail(f"{part!r} is no format; allowed: {', '.join(FORMATS)}", param, ctx)
         return tuple(name for name in FORMATS if name in asked)
+
+
+class Amount(click.FloatRange):
+    """A number in a range, and not nan, which lies in every one."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number."""
+        number = super().convert(value, param, ctx)
+        return self.fail(f"{value} is no number", param, ctx) if math.isnan(number) else number
 
 
 class MemorySize(click.ParamType[float]):

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from psfcli.cli.options import MemorySize, changes_system, directory_for, writes_to
+from psfcli.cli.options import Amount, MemorySize, changes_system, directory_for, writes_to
 from psfcli.config import load
+from psfcli.products.units import field_name
 
 if TYPE_CHECKING:
     from psfcli.config import System
@@ -27,7 +27,7 @@ _FULL_SECONDS = 20.0
 @click.option("--quick", is_flag=True, help="The three accuracies with a name, small rivals, everything timed once.")
 @click.option(
     "--max-seconds",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Amount(min=0.0, min_open=True),
     metavar="S",
     help=f"Rivals that would take longer are left out; default {_FULL_SECONDS:g}, with --quick {_QUICK_SECONDS:g}.",
 )
@@ -95,9 +95,7 @@ def command(
 def _title(system: System) -> str:
     """What is measured: the scene and the one image of it."""
     (field,), (wavelength,), detector = system.fields, system.wavelengths, system.detector
-    place = f"{math.degrees(field.radius):.6g}°" if system.telescope.object_at_infinity else f"{field.radius:.6g} mm"
-    if abs(field.azimuth - math.pi / 2.0) > 1e-12:
-        place += f" at azimuth {math.degrees(field.azimuth):.6g}°"
+    place = field_name(field.radius, field.azimuth, at_infinity=system.telescope.object_at_infinity)
     return (
         f"{system.title or 'Untitled system'}: {1e6 * wavelength:.6g} nm, field {place}, "
         f"{detector.pixels} x {detector.pixels} pixels, oversample {detector.oversample}"

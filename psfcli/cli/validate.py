@@ -93,10 +93,11 @@ def command(
     directory = directory_for(output, config, "_validation")
     kind = levels.Level(level)
     with opened(directory, "validation", overwrite=overwrite) as stage:
+        images = levels.convolutions(system)  # first, for it takes less than a forecast to tell where there is none
         say(_forecast(system, rays, levels.seconds(system, kind, rays, jobs)))
         bar, progress = _progress(rays * len(system.fields) * len(system.wavelengths), quiet=quiet)
         with bar:
-            comparisons = levels.compare(system, kind, rays, seed=seed, jobs=jobs, progress=progress)
+            comparisons = levels.compare(system, kind, rays, seed=seed, jobs=jobs, progress=progress, images=images)
         found = extreme(comparisons)
         criterion = EXACT if exact else found.criterion
         pictures = picture.pictures(system, comparisons, criterion)

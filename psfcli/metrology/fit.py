@@ -92,6 +92,9 @@ def fit(measurements: Sequence[Measurement], terms: int = 1, gain_error: float =
     Raises FitError, saying what the data leave open, and where a file has fewer than ``least_points``.
     """
     problem = Problem(measurements, terms, gain_error)
+    lowest, highest = problem.frequency.min(), problem.frequency.max()
+    if lowest == highest:
+        raise FitError(f"all points lie at {lowest:.6g} cycles/mm; a spectrum is measured at many frequencies")
     for m in measurements:
         if len(m.frequency) < least_points(terms):
             raise FitError(
