@@ -264,6 +264,15 @@ def test_a_convolution_that_cannot_be_had_is_told_before_any_ray_is_traced(tmp_p
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("config", "level"), [(PAPER, "third-order"), (CONFIGS / "euv_prescription.yaml", "exact")])
+def test_squares_none_of_which_can_be_judged_are_refused(tmp_path, config, level):
+    wide = "ensquared_energy={half_widths: [1 km]}"
+    refused = invoke(config, "--level", level, "--field", "0 deg", "--set", wide, "-o", tmp_path / "out")
+    assert refused.exit_code == 2
+    assert "no square can be judged: the smallest half width is 1e+06 mm" in refused.stderr.splitlines()[-1]
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_validation_that_stands_is_not_replaced_unasked(done):
     refused = invoke(PAPER, *FEW, "-o", done[1])
     assert refused.exit_code == 4

@@ -94,6 +94,12 @@ def command(
     kind = levels.Level(level)
     with opened(directory, "validation", overwrite=overwrite) as stage:
         images = levels.convolutions(system)  # first, for it takes less than a forecast to tell where there is none
+        nearest, farthest = float(images[0][2].ensquared.half_width.min()), levels.farthest_judged(system)
+        if nearest > farthest:
+            raise click.UsageError(
+                f"no square can be judged: the smallest half width is {nearest:.4g} mm, and those beyond "
+                f"{farthest:.4g} mm, a tenth of the smallest d_j, reach too near the horizon"
+            )
         say(_forecast(system, rays, levels.seconds(system, kind, rays, jobs)))
         bar, progress = _progress(rays * len(system.fields) * len(system.wavelengths), quiet=quiet)
         with bar:
