@@ -1,6 +1,7 @@
 """Measured spectra: read or refused, fitted without bias, with intervals that hold, and named by a system file."""
 
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -351,6 +352,14 @@ def test_a_second_fit_needs_overwrite(tmp_path):
         answer = psf("fit-psd", *SAMPLE, "-o", tmp_path, *more)
         assert answer.exit_code == code
     assert answer.stderr == ""
+
+
+def test_without_matplotlib_the_missing_picture_is_told(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    answer = psf("fit-psd", *SAMPLE, "-q", "-o", tmp_path / "out")
+    assert answer.exit_code == 0
+    assert answer.stderr == "no picture: matplotlib is missing; install it, or psfcli with its extra 'plot'\n"
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["fit_psd.csv"]
 
 
 def test_a_system_file_without_measured_spectra_loads_no_arrays(tmp_path):

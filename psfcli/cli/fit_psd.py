@@ -91,8 +91,10 @@ def command(
     if not quiet:
         remarks = [*report.warnings(found, gain), *_unmeasured(system, [one.band for one in spectra])]
         at = asked or (system.wavelengths if system else ())
-        for line in (*report.lines(found, at), *(f"warning: {remark}" for remark in remarks), *filter(None, [note])):
+        for line in (*report.lines(found, at), *(f"warning: {remark}" for remark in remarks)):
             click.echo(line, err=True)
+    if note:
+        click.echo(note, err=True)
     click.echo(psd_block(found))
     for path in paths:
         click.echo(f"# {path}")

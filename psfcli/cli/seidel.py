@@ -39,6 +39,8 @@ def command(config: str, overrides: tuple[str, ...], as_: str) -> None:
     file without a prescription has the total, the marginal heights and the distances alone. csv: the table alone.
     """
     system = load(config, overrides)
+    for warning in system.warnings:
+        click.echo(f"warning: {warning}", err=True)
     found = trace(system.prescription, system.telescope.max_field) if system.prescription else None
     rows = list(_rows(system, found))
     if as_ == "csv":
