@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from psfcli.cli.options import changes_system, directory_for, writes_to
+from psfcli.cli.speaking import tell_warnings
 from psfcli.config import SCATTER_INCIDENCE, SCATTER_PLANE, load, quantities
 
 
@@ -62,9 +63,7 @@ def command(
     if unknown:
         known = ", ".join(surface.name for surface in system.surfaces)
         raise click.UsageError(f"--surface: {', '.join(map(repr, unknown))} unknown; allowed: {known}")
-    if not quiet:
-        for warning in system.warnings:
-            click.echo(f"warning: {warning}", err=True)
+    tell_warnings(system, quiet=quiet)
     # numpy, scipy: not before the system file is known to be good
     from psfcli.products.report import opened, write_report
     from psfcli.scattering import picture, profile, table

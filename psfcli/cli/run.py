@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from psfcli.cli.options import MemorySize, asks_for_products, directory_for, loads_system, writes_to
+from psfcli.cli.speaking import speaker
 
 if TYPE_CHECKING:
     from psfcli.config import System
@@ -44,13 +45,7 @@ def command(
     asked for was not met (the products say so), 4 the output exists or cannot be written, 130 interrupted.
     """
     directory = directory_for(output, config, "_psf")
-
-    def say(line: str) -> None:
-        if not quiet:
-            click.echo(line, err=True)
-
-    for warning in system.warnings:
-        say(f"warning: {warning}")
+    say = speaker(system, quiet=quiet)
     if dry_run:
         from psfcli.cli.plan import describe
         from psfcli.products.target import check_room, check_target, cube_bytes

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from psfcli.cli.options import Amount, MemorySize, changes_system, directory_for, writes_to
+from psfcli.cli.speaking import speaker
 from psfcli.config import load
 from psfcli.products.units import field_name
 
@@ -52,13 +53,7 @@ def command(
     it needs matplotlib). Exit status as of psfcli run; 3: psfcli did not meet an accuracy.
     """
     system = load(config, overrides, [field] if field else None, wavelength=wavelength)
-
-    def say(line: str) -> None:
-        if not quiet:
-            click.echo(line, err=True)
-
-    for warning in system.warnings:
-        say(f"warning: {warning}")
+    say = speaker(system, quiet=quiet)
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # every method on one thread
     # numpy, scipy: not before the system file is known to be good
     from psfcli.products.report import opened, write_report

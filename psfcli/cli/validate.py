@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from psfcli.cli.options import changes_system, directory_for, writes_to
+from psfcli.cli.speaking import speaker
 from psfcli.config import load
 
 if TYPE_CHECKING:
@@ -68,7 +69,8 @@ def command(
     on exact rays through the surfaces of a prescription (exact: is the model right?). Prints ensquared energies, their
     differences and verdicts, where the method can be trusted, and the paths of validation.csv and of pictures, which
     need matplotlib. The same numbers for the same seed, whatever --jobs. Exit status: 0 agreement, 1 disagreement
-    beyond chance with third-order, 2 fault in the usage or the system file, 4 the output exists or cannot be written.
+    beyond chance with third-order, or no convolution to validate, 2 fault in the usage or the system file, 4 the output
+    exists or cannot be written.
     """
     system = load(config, overrides, fields or None, wavelength=wavelength)
     exact = level == "exact"
@@ -76,13 +78,7 @@ def command(
         raise click.UsageError("--level exact needs the surfaces as they are built: a prescription in the system file")
     if exact and not system.telescope.object_at_infinity:
         raise click.UsageError("--level exact needs an object at infinity")
-
-    def say(line: str) -> None:
-        if not quiet:
-            click.echo(line, err=True)
-
-    for warning in system.warnings:
-        say(f"warning: {warning}")
+    say = speaker(system, quiet=quiet)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # numpy, scipy: not before the system file is known to be good
     from psfcli.products.report import opened, write_report
