@@ -1,4 +1,4 @@
-"""Scenes planned in two ways, as the planner has it and with nothing skipped, and how far their images are apart."""
+"""Scenes that tests share, planned as the planner has it and with nothing skipped, and how far images are apart."""
 
 from __future__ import annotations
 
@@ -16,8 +16,29 @@ if TYPE_CHECKING:
     from psfcli.planning.effects import Effect
     from psfcli.planning.plan import Plan
 
-PAPER = Path(__file__).resolve().parent.parent / "configs" / "euv_two_mirror.yaml"
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+PAPER = CONFIGS / "euv_two_mirror.yaml"
 SMALL = ("detector.pixels=10", "detector.oversample=3", "ensquared_energy={half_widths: [2 um, 31.5 um, 1 mm]}")
+
+WEDGE = """schema: 1
+wavelengths: [13.5 nm, 20 nm]
+telescope:
+  image_distance: 2 m
+  exit_pupil_radius: 50 mm
+  obscuration: 0.3
+  sector: [60 deg, 120 deg]
+  max_field: 5 mm
+  seidel: {reference_wavelength: 13.5 nm, W020: -10, W040: 2, W131: 3, W222: 5}
+surfaces:
+  - marginal_height: 50 mm
+    psd: [{sigma: 0.4 nm, B: 1 mm, C: 1.8}, {sigma: 0.2 nm, B: 0.05 mm, C: 2.5}]
+    incidence: 8 deg
+  - marginal_height: 20 mm
+    psd: {sigma: 0.3 nm, B: 5 mm, C: 1.2}
+fields: [0 mm, {radius: 3 mm, azimuth: 30 deg}]
+detector: {pixel: 10 um, pixels: 9, oversample: 2, centre: pixel, offset: [0.3 pix, 2 um]}
+"""
+"""A system with no symmetry: a sector of the pupil, a field off the axes, a window off the middle; for Monte Carlo."""
 
 Images = dict[tuple[int, int], "FieldImage"]
 

@@ -71,6 +71,10 @@ def test_a_missing_file_gets_one_line(tmp_path: Path) -> None:
     assert answer(path) == (2, [f"{path}: no such file"], "")
 
 
+def test_no_name_gets_one_line() -> None:
+    assert answer("") == (2, ["'': no such file; a system file is wanted"], "")
+
+
 def test_a_directory_gets_one_line(tmp_path: Path) -> None:
     assert answer(str(tmp_path)) == (2, [f"{tmp_path}: is a directory; a system file is wanted"], "")
 

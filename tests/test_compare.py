@@ -175,6 +175,7 @@ def test_what_cannot_be_read_cannot_be_compared(pair, tmp_path):
         assert run_command(first, second).exit_code == 2
     assert run_command(a / "ee.csv", b / "ee.csv").exit_code == 2
     assert run_command(a, a, "--ee-error", "1e-5").exit_code == 2
+    assert run_command(a, a, "--pixel-error", "nan", "--ee-error", "nan").exit_code == 2
 
 
 def test_a_report_names_what_differs(pair):

@@ -330,6 +330,7 @@ def test_a_plane_of_its_own_one_surface_and_a_smooth_one(tmp_path):
         (["--incidence", "5 mm", "--incidence", "90 deg"], 2, "'90 deg' is out of range; allowed: 0 deg..89 deg"),
         (["--plane", "north"], 2, '--plane "north": '),
         (["--surface", "tertiary"], 2, "'tertiary' unknown; allowed: primary, secondary"),
+        (["--set", "surfaces=[]"], 2, "the system has no surfaces, and so no BSDF"),
         (["--wavelength", "9.4"], 2, "--wavelength"),
         (["--set", "surfaces.0.psd.C=300"], 1, "primary: scatter with C = 300"),
     ],

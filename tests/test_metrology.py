@@ -1,6 +1,7 @@
 """Measured spectra: read or refused, fitted without bias, with intervals that hold, and named by a system file."""
 
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -228,6 +229,12 @@ def test_the_mirrored_half_of_a_two_sided_spectrum_is_left_out(tmp_path):
     assert (found.frequency, found.density) == ((1.0,), pytest.approx((4e-18,)))
 
 
+def test_points_at_one_frequency_are_no_spectrum():
+    heap = Measurement("heap", "1d one-sided", (3.0,) * 20, tuple(1e-12 * n for n in range(1, 21)))
+    with pytest.raises(FitError, match="all points lie at 3 cycles/mm"):
+        fit([heap])
+
+
 def test_two_files_of_one_instrument_need_names(tmp_path):
     for place in ("a", "b"):
         (tmp_path / place).mkdir()
@@ -308,6 +315,11 @@ def test_an_image_in_a_band_that_nobody_measured_is_told(tmp_path):
         ([SAMPLE[0], "--terms", "9"], 2, "1<=x<=4"),
         ([SAMPLE[0], "--no-offsets", "--gain-error", "0.1"], 2, "excludes"),
         ([SAMPLE[0], "--config", "nowhere.yaml"], 2, "nowhere.yaml: no such file"),
+        ([SAMPLE[0], "--config", ""], 2, "'': no such file; a system file is wanted"),
+        (["-", "--config", "-"], 2, "standard input (-) is one file: name the others"),
+        ([""], 2, "'': no such file; a file of a spectrum is wanted"),
+        ([SAMPLE[0], "--gain-error", "nan"], 2, "nan is no number"),
+        ([SAMPLE[0], "--wavelength", "9 nm", "--wavelength", "x"], 2, "--wavelength \"x\": 'x' is not a number with"),
         ([SAMPLE[0]], 1, "no knee in the data"),
         ([], 2, "Missing argument"),
     ],
@@ -340,6 +352,14 @@ def test_a_second_fit_needs_overwrite(tmp_path):
         answer = psf("fit-psd", *SAMPLE, "-o", tmp_path, *more)
         assert answer.exit_code == code
     assert answer.stderr == ""
+
+
+def test_without_matplotlib_the_missing_picture_is_told(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    answer = psf("fit-psd", *SAMPLE, "-q", "-o", tmp_path / "out")
+    assert answer.exit_code == 0
+    assert answer.stderr == "no picture: matplotlib is missing; install it, or psfcli with its extra 'plot'\n"
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["fit_psd.csv"]
 
 
 def test_a_system_file_without_measured_spectra_loads_no_arrays(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import math
 import shutil
@@ -279,6 +280,10 @@ def truncated(directory: Path) -> None:
     file.write_bytes(file.read_bytes()[:20000])
 
 
+def cut_in_a_header(directory: Path) -> None:
+    (directory / "psf.fits").write_bytes((directory / "psf.fits").read_bytes()[:5000])
+
+
 def without(name: str):
     return lambda directory: (directory / name).unlink()
 
@@ -309,6 +314,7 @@ def emptied(directory: Path) -> None:
         (without("manifest.json"), (), "holds an incomplete run (no manifest.json)"),
         (only_exr, (), "holds neither psf.fits nor ee.csv"),
         (truncated, (), "cannot be read: "),
+        (cut_in_a_header, (), "cannot be read: "),
         (foreign_table, (), "cannot be read: ee.csv starts 'a,b'"),
         (no_title, (), "cannot be read: 'title'"),
         (without("psf.fits"), ("--field", "0"), "holds no psf.fits, and so no image"),
@@ -327,11 +333,21 @@ def test_what_cannot_be_drawn_is_told_in_one_line(products, tmp_path, monkeypatc
     spoil(tmp_path / "run")
     before = sorted(tmp_path.rglob("*"))
     finished = plot("run", *options)
+    gc.collect()  # a file left open would warn
     assert finished.exit_code == 2, finished.output
     last = finished.stderr.splitlines()[-1]
     assert told in last
     assert len(finished.stderr.splitlines()) == (1 if last.startswith("psfcli plot: ") else 4)  # or click's usage
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("place", ["taken", "taken/x.png"])
+def test_a_picture_does_not_go_into_a_file(products, tmp_path, place):
+    (tmp_path / "taken").write_text("mine")
+    finished = plot(products, "-o", tmp_path / place)
+    assert finished.exit_code == 4
+    assert finished.stderr == f"{tmp_path / 'taken'}: is a file, not a directory; choose another --output\n"
+    assert (tmp_path / "taken").read_text() == "mine"
 
 
 def test_a_file_is_no_directory_of_products(products):

@@ -264,6 +264,16 @@ def test_the_command_takes_files_with_and_without_a_prescription(name):
     assert ("Petzval" in text) == (table.prescription is not None)
 
 
+def test_the_command_warns_as_others_do():
+    config = str(ROOT / "configs" / "euv_two_mirror.yaml")
+    result = CliRunner().invoke(main, ["seidel", config, "--set", "surfaces.0.seidel={W040: 1}"])
+    assert result.exit_code == 0, result.output
+    assert result.stderr.startswith(
+        "warning: telescope.seidel: W040, W131, W220, W222, W311 are added to the surfaces'"
+    )
+    assert len(result.stderr.splitlines()) == 1
+
+
 def test_wavelengths_scale_the_waves_but_not_the_telescope():
     config = str(ROOT / "configs" / "euv_prescription.yaml")
     one, two = load(config), load(config, ["wavelengths=[18.8 nm]"])

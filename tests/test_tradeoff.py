@@ -8,11 +8,11 @@ import sys
 import tomllib
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from planned import CONFIGS, PAPER, WEDGE
 
 import psfcli
 from psfcli import recipe
@@ -24,29 +24,11 @@ from psfcli.tradeoff.measurement import Measurement, timed
 from psfcli.tradeoff.plain_fft import plain_fft
 from psfcli.tradeoff.rays import counted, pupil_grid, scattered_rays
 
-CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 DOCS = CONFIGS.parent / "docs"
-PAPER = CONFIGS / "euv_two_mirror.yaml"
 SMALL = [
     "--set", "detector.pixels=8", "--set", "detector.oversample=2",
     "--set", "ensquared_energy={half_widths: [0.1 mm, 21 um, 42 um, 84 um]}",
 ]  # fmt: skip
-WEDGE = """schema: 1
-wavelengths: [13.5 nm]
-telescope:
-  image_distance: 2 m
-  exit_pupil_radius: 50 mm
-  obscuration: 0.3
-  sector: [60 deg, 120 deg]
-  max_field: 5 mm
-  seidel: {reference_wavelength: 13.5 nm, W020: -10, W040: 2, W131: 3, W222: 5}
-surfaces:
-  - marginal_height: 50 mm
-    psd: [{sigma: 0.4 nm, B: 1 mm, C: 1.8}, {sigma: 0.2 nm, B: 0.05 mm, C: 2.5}]
-  - marginal_height: 20 mm
-fields: [0 mm, {radius: 3 mm, azimuth: 30 deg}]
-detector: {pixel: 10 um, pixels: 9, oversample: 2, centre: pixel, offset: [0.3 pix, 2 um]}
-"""
 
 
 @cache
@@ -154,6 +136,7 @@ def test_without_matplotlib_there_is_a_table_and_no_old_picture(tmp_path, monkey
         (["nowhere.yaml"], "nowhere.yaml: no such file\n"),
         ([PAPER, "--field", "5"], '--field "5": fields[0]: 5 has no unit; write for example 5 deg\n'),
         ([PAPER, "--wavelength", "9"], '--wavelength "9": wavelengths[0]: 9 has no unit; write for example 9 nm\n'),
+        ([PAPER, "--max-seconds", "nan"], "Error: Invalid value for '--max-seconds': nan is no number\n"),
         ([PAPER, "--max-seconds", "0"], "Error: Invalid value for '--max-seconds': 0.0 is not in the range x>0.0.\n"),
     ],
 )  # fmt: skip

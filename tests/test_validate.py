@@ -3,12 +3,12 @@
 import csv
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import mpmath
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from planned import CONFIGS, PAPER, WEDGE
 from scipy import special, stats
 
 import psfcli
@@ -18,27 +18,7 @@ from psfcli.telescope.system import Field
 from psfcli.validation import levels, table
 from psfcli.validation.comparison import CENTRES, FALSE_ALARM, Comparison, Criterion, extreme
 
-CONFIGS = Path(__file__).resolve().parent.parent / "configs"
-PAPER = CONFIGS / "euv_two_mirror.yaml"
 THIRD_ORDER = levels.Level.THIRD_ORDER
-WEDGE = """schema: 1
-wavelengths: [13.5 nm, 20 nm]
-telescope:
-  image_distance: 2 m
-  exit_pupil_radius: 50 mm
-  obscuration: 0.3
-  sector: [60 deg, 120 deg]
-  max_field: 5 mm
-  seidel: {reference_wavelength: 13.5 nm, W020: -10, W040: 2, W131: 3, W222: 5}
-surfaces:
-  - marginal_height: 50 mm
-    psd: [{sigma: 0.4 nm, B: 1 mm, C: 1.8}, {sigma: 0.2 nm, B: 0.05 mm, C: 2.5}]
-    incidence: 8 deg
-  - marginal_height: 20 mm
-    psd: {sigma: 0.3 nm, B: 5 mm, C: 1.2}
-fields: [0 mm, {radius: 3 mm, azimuth: 30 deg}]
-detector: {pixel: 10 um, pixels: 9}
-"""
 FEW = ["--set", "ensquared_energy={half_widths: [2 um, 21 um, 84 um, 1 mm]}", "--set", "fields=[0 deg, 0.5 deg]"]
 
 
@@ -272,6 +252,24 @@ def test_wrong_input_is_told_before_any_ray_is_traced(tmp_path, arguments, messa
     refused = invoke(*arguments, "-o", tmp_path / "out")
     assert refused.exit_code == 2
     assert refused.stderr.endswith(message)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_convolution_that_cannot_be_had_is_told_before_any_ray_is_traced(tmp_path, monkeypatch):
+    monkeypatch.setattr(levels, "_rays", None)
+    refused = invoke(PAPER, *FEW, "--set", "surfaces.0.psd.C=300", "-o", tmp_path / "out")
+    assert refused.exit_code == 1
+    assert refused.stderr.startswith("at 9.4 nm: scatter with C = 300")
+    assert len(refused.stderr.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("config", "level"), [(PAPER, "third-order"), (CONFIGS / "euv_prescription.yaml", "exact")])
+def test_squares_none_of_which_can_be_judged_are_refused(tmp_path, config, level):
+    wide = "ensquared_energy={half_widths: [1 km]}"
+    refused = invoke(config, "--level", level, "--field", "0 deg", "--set", wide, "-o", tmp_path / "out")
+    assert refused.exit_code == 2
+    assert "no square can be judged: the smallest half width is 1e+06 mm" in refused.stderr.splitlines()[-1]
     assert not (tmp_path / "out").exists()
 
 

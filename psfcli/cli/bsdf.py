@@ -7,12 +7,14 @@ from pathlib import Path
 
 import click
 
-from psfcli.config import SCATTER_INCIDENCE, SCATTER_PLANE, angles, load
+from psfcli.cli.options import changes_system, directory_for, writes_to
+from psfcli.cli.speaking import tell_warnings
+from psfcli.config import SCATTER_INCIDENCE, SCATTER_PLANE, load, quantities
 
 
 @click.command()
 @click.argument("config", metavar="CONFIG")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2.")
+@changes_system
 @click.option("--surface", "names", multiple=True, metavar="NAME", help="Only this surface; repeatable.")
 @click.option(
     "--incidence",
@@ -31,9 +33,7 @@ from psfcli.config import SCATTER_INCIDENCE, SCATTER_PLANE, angles, load
     help="Azimuth of the plane of scatter, which holds the normal, from the plane of incidence.",
 )
 @click.option("--wavelength", metavar='"9.4 nm"', help="Default: the shortest of CONFIG, where most light scatters.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_bsdf.")
-@click.option("--overwrite", is_flag=True, help="Replace the profiles that stand in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="Nothing on stderr but errors.")
+@writes_to("<config stem>_bsdf", "profiles that stand")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -53,23 +53,23 @@ def command(
     the BSDF departs from that of normal incidence within three distances |beta - beta_0|; then the paths of bsdf.csv
     and bsdf.png (which needs matplotlib). The incidence of the system file is not used.
     """
-    incidence = angles("--incidence", incidences, SCATTER_INCIDENCE)
-    (azimuth,) = angles("--plane", [plane], SCATTER_PLANE)
+    incidence = quantities("--incidence", incidences, SCATTER_INCIDENCE)
+    (azimuth,) = quantities("--plane", [plane], SCATTER_PLANE)
     system = load(config, overrides, wavelength=wavelength)
     surfaces = [surface for surface in system.surfaces if not names or surface.name in names]
+    if not system.surfaces:
+        raise click.UsageError(f"{config}: the system has no surfaces, and so no BSDF")
     unknown = [name for name in names if name not in {surface.name for surface in surfaces}]
-    known = ", ".join(surface.name for surface in system.surfaces) or "none, the system has no surfaces"
-    if unknown or not surfaces:
-        raise click.UsageError(f"--surface: {', '.join(map(repr, unknown)) or 'no surface'} unknown; allowed: {known}")
-    if not quiet:
-        for warning in system.warnings:
-            click.echo(f"warning: {warning}", err=True)
+    if unknown:
+        known = ", ".join(surface.name for surface in system.surfaces)
+        raise click.UsageError(f"--surface: {', '.join(map(repr, unknown))} unknown; allowed: {known}")
+    tell_warnings(system, quiet=quiet)
     # numpy, scipy: not before the system file is known to be good
     from psfcli.products.report import opened, write_report
     from psfcli.scattering import picture, profile, table
 
     shortest = min(system.wavelengths)
-    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_bsdf")
+    directory = directory_for(output, config, "_bsdf")
     title = f"{system.title or 'Untitled system'}: {1e6 * shortest:.6g} nm" + (
         f", plane of scatter at {math.degrees(azimuth):.6g}°" if azimuth else ""
     )

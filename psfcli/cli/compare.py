@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from psfcli.cli.options import Amount
 from psfcli.products.compare import Comparison, ComparisonError, compare
 from psfcli.tolerance import Tolerance
 
@@ -14,8 +15,8 @@ from psfcli.tolerance import Tolerance
 @click.command()
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@click.option("--pixel-error", type=click.FloatRange(min=0.0), metavar="X", help="Allowed relative error of a pixel.")
-@click.option("--ee-error", type=click.FloatRange(min=0.0), metavar="Y", help="Allowed error of an ensquared energy.")
+@click.option("--pixel-error", type=Amount(min=0.0), metavar="X", help="Allowed relative error of a pixel.")
+@click.option("--ee-error", type=Amount(min=0.0), metavar="Y", help="Allowed error of an ensquared energy.")
 def command(a: Path, b: Path, pixel_error: float | None, ee_error: float | None) -> None:
     """Compare the products A and B: directories, FITS files or CSV files.
 

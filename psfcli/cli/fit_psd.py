@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from psfcli.config import load, wavelengths_in
+from psfcli.cli.options import Amount, directory_for, writes_to
+from psfcli.config import WAVELENGTH, load, quantities
 from psfcli.config.measured import image_bands, psd_block, unmeasured
 from psfcli.config.spectra import Stated, read_spectra
 from psfcli.metrology.measurement import GAIN_ERROR, KINDS, MOST_TERMS
@@ -26,7 +27,7 @@ _STEM = "fit_psd"
 @click.option("--psd-unit", metavar="UNIT", help="Of the files that do not say, such as 'nm2 mm2'.")
 @click.option(
     "--gain-error",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
+    type=Amount(0.0, 1.0, min_open=True),
     metavar="X",
     help=f"Standard error of the gain of each instrument's PSD, relative; default {GAIN_ERROR:g}.",
 )
@@ -39,9 +40,7 @@ _STEM = "fit_psd"
     help="Tell rms and TIS of what scatters there; repeatable; default: those of --config.",
 )
 @click.option("--config", metavar="CONFIG", help="A system file: warn of what its image uses and nobody measured.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <stem of FILE>_fit.")
-@click.option("--overwrite", is_flag=True, help="Replace the fit that stands in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="Nothing on stderr but errors.")
+@writes_to("<stem of FILE>_fit", "fit that stands")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -67,8 +66,10 @@ def command(
     """
     if no_offsets and gain_error is not None:
         raise click.UsageError("--no-offsets excludes --gain-error")
-    asked = wavelengths_in(wavelengths)
-    system = load(config) if config else None
+    if config == "-" and "-" in files:
+        raise click.UsageError("standard input (-) is one file: name the others")
+    asked = quantities("--wavelength", wavelengths, WAVELENGTH)
+    system = None if config is None else load(config)
     spectra = read_spectra(files, Stated(kind or "", frequency_unit or "", psd_unit or ""))
     # numpy, scipy: not before the files are known to be good
     from psfcli.metrology import picture, report, table
@@ -77,7 +78,7 @@ def command(
     from psfcli.products.report import opened, write_report
 
     gain = 0.0 if no_offsets else GAIN_ERROR if gain_error is None else gain_error
-    directory = output or Path(("stdin" if files[0] == "-" else Path(files[0]).stem) + "_fit")
+    directory = directory_for(output, files[0], "_fit")
     with opened(directory, _STEM, overwrite=overwrite) as stage:
         try:
             found = fit(spectra, terms, gain)
@@ -90,8 +91,10 @@ def command(
     if not quiet:
         remarks = [*report.warnings(found, gain), *_unmeasured(system, [one.band for one in spectra])]
         at = asked or (system.wavelengths if system else ())
-        for line in (*report.lines(found, at), *(f"warning: {remark}" for remark in remarks), *filter(None, [note])):
+        for line in (*report.lines(found, at), *(f"warning: {remark}" for remark in remarks)):
             click.echo(line, err=True)
+    if note:
+        click.echo(note, err=True)
     click.echo(psd_block(found))
     for path in paths:
         click.echo(f"# {path}")

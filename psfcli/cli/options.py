@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -33,6 +35,15 @@ class Formats(click.ParamType[tuple[str, ...]]):
         return tuple(name for name in FORMATS if name in asked)
 
 
+class Amount(click.FloatRange):
+    """A number in a range, and not nan, which lies in every one."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number."""
+        number = super().convert(value, param, ctx)
+        return self.fail(f"{value} is no number", param, ctx) if math.isnan(number) else number
+
+
 class MemorySize(click.ParamType[float]):
     """A number of bytes such as 4GB or 512MiB."""
 
@@ -59,6 +70,12 @@ class MemorySize(click.ParamType[float]):
         return 0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
+changes_system = click.option(
+    "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2."
+)
+"""Values of CONFIG replaced by dotted key; the command gets ``overrides``."""
+
+
 def loads_system(command: Callable[..., Any]) -> Callable[..., Any]:
     """CONFIG and the options that change what it says; the command gets ``config`` and the ``system`` they make."""
 
@@ -80,7 +97,7 @@ def loads_system(command: Callable[..., Any]) -> Callable[..., Any]:
         (
             click.argument("config", metavar="CONFIG"),
             click.option("--field", "fields", multiple=True, metavar='"0.3 deg"', help="Replaces fields; repeatable."),
-            click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2."),
+            changes_system,
             click.option(
                 "--accuracy",
                 "accuracy_name",
@@ -115,6 +132,35 @@ def asks_for_products(command: Callable[..., Any]) -> Callable[..., Any]:
     ):
         command = decorate(command)
     return command
+
+
+def writes_to(
+    default: str, written: str, quiet: str = "Nothing on stderr but errors."
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """The directory of what is ``written`` and its ``default`` as the help says them, and how ``quiet`` it is done.
+
+    The command gets ``output``, ``overwrite`` and ``quiet``.
+    """
+
+    def decorator(command: Callable[..., Any]) -> Callable[..., Any]:
+        for decorate in reversed(
+            (
+                click.option(
+                    "-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help=f"Default: {default}."
+                ),
+                click.option("--overwrite", is_flag=True, help=f"Replace the {written} in DIR."),
+                click.option("-q", "--quiet", is_flag=True, help=quiet),
+            )
+        ):
+            command = decorate(command)
+        return command
+
+    return decorator
+
+
+def directory_for(output: Path | None, source: str, ending: str) -> Path:
+    """The directory asked for; by default the stem of the file ``source`` (- for standard input) with an ``ending``."""
+    return output or Path(("stdin" if source == "-" else Path(source).stem) + ending)
 
 
 def accuracy(name: str | None, pixel_error: float | None, ee_error: float | None) -> Tolerance | str | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from psfcli.cli.options import MemorySize, asks_for_products, loads_system
+from psfcli.cli.speaking import tell_warnings
 
 if TYPE_CHECKING:
     from psfcli.config import System
@@ -34,8 +35,7 @@ def command(config: str, system: System, formats: tuple[str, ...], jobs: int | N
     --max-memory.
     """
     del config
-    for warning in system.warnings:
-        click.echo(f"warning: {warning}", err=True)
+    tell_warnings(system)
     click.echo(describe(system, formats, jobs, max_memory))
 
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from psfcli.cli.options import MemorySize, asks_for_products, loads_system
+from psfcli.cli.options import MemorySize, asks_for_products, directory_for, loads_system, writes_to
+from psfcli.cli.speaking import speaker
 
 if TYPE_CHECKING:
     from psfcli.config import System
@@ -20,11 +21,9 @@ if TYPE_CHECKING:
 
 @click.command()
 @loads_system
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_psf.")
+@writes_to("<config stem>_psf", "products that stand", quiet="No reports on stderr but errors.")
 @asks_for_products
-@click.option("--overwrite", is_flag=True, help="Replace the products that stand in DIR.")
 @click.option("--dry-run", is_flag=True, help="Say what would be computed, as psfcli plan does; write nothing.")
-@click.option("-q", "--quiet", is_flag=True, help="No reports on stderr but errors.")
 @click.option("-v", "--verbose", is_flag=True, help="Report time and processes too.")
 @click.pass_context
 def command(
@@ -45,14 +44,8 @@ def command(
     Prints the paths written. Exit status: 0 done, 1 failed, 2 fault in the usage or the system file, 3 the accuracy
     asked for was not met (the products say so), 4 the output exists or cannot be written, 130 interrupted.
     """
-    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_psf")
-
-    def say(line: str) -> None:
-        if not quiet:
-            click.echo(line, err=True)
-
-    for warning in system.warnings:
-        say(f"warning: {warning}")
+    directory = directory_for(output, config, "_psf")
+    say = speaker(system, quiet=quiet)
     if dry_run:
         from psfcli.cli.plan import describe
         from psfcli.products.target import check_room, check_target, cube_bytes

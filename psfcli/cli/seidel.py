@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from psfcli.cli.speaking import tell_warnings
 from psfcli.config import load
 from psfcli.telescope.paraxial import ParaxialTrace, trace
 from psfcli.telescope.seidel import SeidelTable
@@ -39,6 +40,7 @@ def command(config: str, overrides: tuple[str, ...], as_: str) -> None:
     file without a prescription has the total, the marginal heights and the distances alone. csv: the table alone.
     """
     system = load(config, overrides)
+    tell_warnings(system)
     found = trace(system.prescription, system.telescope.max_field) if system.prescription else None
     rows = list(_rows(system, found))
     if as_ == "csv":

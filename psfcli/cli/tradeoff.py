@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from psfcli.cli.options import MemorySize
+from psfcli.cli.options import Amount, MemorySize, changes_system, directory_for, writes_to
+from psfcli.cli.speaking import speaker
 from psfcli.config import load
+from psfcli.products.units import field_name
 
 if TYPE_CHECKING:
     from psfcli.config import System
@@ -21,19 +22,17 @@ _FULL_SECONDS = 20.0
 
 @click.command()
 @click.argument("config", metavar="CONFIG")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2.")
+@changes_system
 @click.option("--field", metavar='"0.3 deg"', help="Default: the field of CONFIG with the largest spot.")
 @click.option("--wavelength", metavar='"9.4 nm"', help="Default: the shortest of CONFIG, where most light scatters.")
 @click.option("--quick", is_flag=True, help="The three accuracies with a name, small rivals, everything timed once.")
 @click.option(
     "--max-seconds",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Amount(min=0.0, min_open=True),
     metavar="S",
     help=f"Rivals that would take longer are left out; default {_FULL_SECONDS:g}, with --quick {_QUICK_SECONDS:g}.",
 )
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <config stem>_tradeoff.")
-@click.option("--overwrite", is_flag=True, help="Replace the tradeoff that stands in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="Nothing on stderr but errors.")
+@writes_to("<config stem>_tradeoff", "tradeoff that stands")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -54,20 +53,14 @@ def command(
     it needs matplotlib). Exit status as of psfcli run; 3: psfcli did not meet an accuracy.
     """
     system = load(config, overrides, [field] if field else None, wavelength=wavelength)
-
-    def say(line: str) -> None:
-        if not quiet:
-            click.echo(line, err=True)
-
-    for warning in system.warnings:
-        say(f"warning: {warning}")
+    say = speaker(system, quiet=quiet)
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # every method on one thread
     # numpy, scipy: not before the system file is known to be good
     from psfcli.products.report import opened, write_report
     from psfcli.tradeoff import ladder, picture, table
     from psfcli.tradeoff.rivals import Limits
 
-    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_tradeoff")
+    directory = directory_for(output, config, "_tradeoff")
     limits = Limits(
         seconds=max_seconds or (_QUICK_SECONDS if quick else _FULL_SECONDS),
         memory=MemorySize.default(),
@@ -97,9 +90,7 @@ def command(
 def _title(system: System) -> str:
     """What is measured: the scene and the one image of it."""
     (field,), (wavelength,), detector = system.fields, system.wavelengths, system.detector
-    place = f"{math.degrees(field.radius):.6g}°" if system.telescope.object_at_infinity else f"{field.radius:.6g} mm"
-    if abs(field.azimuth - math.pi / 2.0) > 1e-12:
-        place += f" at azimuth {math.degrees(field.azimuth):.6g}°"
+    place = field_name(field.radius, field.azimuth, at_infinity=system.telescope.object_at_infinity)
     return (
         f"{system.title or 'Untitled system'}: {1e6 * wavelength:.6g} nm, field {place}, "
         f"{detector.pixels} x {detector.pixels} pixels, oversample {detector.oversample}"

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from psfcli.cli.options import changes_system, directory_for, writes_to
+from psfcli.cli.speaking import speaker
 from psfcli.config import load
 
 if TYPE_CHECKING:
@@ -42,12 +44,10 @@ class Rays(click.ParamType[int]):
 @click.option("--level", type=click.Choice(["third-order", "exact"]), default="third-order", show_default=True)
 @click.option("--field", "fields", multiple=True, metavar='"0.3 deg"', help="Replaces fields; repeatable.")
 @click.option("--wavelength", metavar='"9.4 nm"', help="Replaces wavelengths.")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Such as surfaces.0.psd.C=2.")
+@changes_system
 @click.option("--seed", type=click.IntRange(0, 2**63), default=0, show_default=True, metavar="S")
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, metavar="N", help="Processes.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Default: <stem>_validation.")
-@click.option("--overwrite", is_flag=True, help="Replace the validation that stands in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="Nothing on stderr but errors.")
+@writes_to("<stem>_validation", "validation that stands")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -69,7 +69,8 @@ def command(
     on exact rays through the surfaces of a prescription (exact: is the model right?). Prints ensquared energies, their
     differences and verdicts, where the method can be trusted, and the paths of validation.csv and of pictures, which
     need matplotlib. The same numbers for the same seed, whatever --jobs. Exit status: 0 agreement, 1 disagreement
-    beyond chance with third-order, 2 fault in the usage or the system file, 4 the output exists or cannot be written.
+    beyond chance with third-order, or no convolution to validate, 2 fault in the usage or the system file, 4 the output
+    exists or cannot be written.
     """
     system = load(config, overrides, fields or None, wavelength=wavelength)
     exact = level == "exact"
@@ -77,13 +78,7 @@ def command(
         raise click.UsageError("--level exact needs the surfaces as they are built: a prescription in the system file")
     if exact and not system.telescope.object_at_infinity:
         raise click.UsageError("--level exact needs an object at infinity")
-
-    def say(line: str) -> None:
-        if not quiet:
-            click.echo(line, err=True)
-
-    for warning in system.warnings:
-        say(f"warning: {warning}")
+    say = speaker(system, quiet=quiet)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # numpy, scipy: not before the system file is known to be good
     from psfcli.products.report import opened, write_report
@@ -91,13 +86,20 @@ def command(
     from psfcli.validation.comparison import extreme
     from psfcli.validation.trust import EXACT
 
-    directory = output or Path(("stdin" if config == "-" else Path(config).stem) + "_validation")
+    directory = directory_for(output, config, "_validation")
     kind = levels.Level(level)
     with opened(directory, "validation", overwrite=overwrite) as stage:
+        images = levels.convolutions(system)  # first, for it takes less than a forecast to tell where there is none
+        nearest, farthest = float(images[0][2].ensquared.half_width.min()), levels.farthest_judged(system)
+        if nearest > farthest:
+            raise click.UsageError(
+                f"no square can be judged: the smallest half width is {nearest:.4g} mm, and those beyond "
+                f"{farthest:.4g} mm, a tenth of the smallest d_j, reach too near the horizon"
+            )
         say(_forecast(system, rays, levels.seconds(system, kind, rays, jobs)))
         bar, progress = _progress(rays * len(system.fields) * len(system.wavelengths), quiet=quiet)
         with bar:
-            comparisons = levels.compare(system, kind, rays, seed=seed, jobs=jobs, progress=progress)
+            comparisons = levels.compare(system, kind, rays, seed=seed, jobs=jobs, progress=progress, images=images)
         found = extreme(comparisons)
         criterion = EXACT if exact else found.criterion
         pictures = picture.pictures(system, comparisons, criterion)

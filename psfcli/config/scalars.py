@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import difflib
 import math
-from typing import TYPE_CHECKING
 
-from psfcli.config.faults import ConfigError, Place
 from psfcli.config.kinds import Number, Quantity, Text, Word
-from psfcli.config.table import MOST_PIXELS, WAVELENGTH
+from psfcli.config.table import MOST_PIXELS
 from psfcli.config.tree import Scalar, atom
 from psfcli.config.units import Pixels, convert, mistaken
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 
 def scalar(kind: Quantity | Number | Word | Text, node: Scalar) -> float | str:
@@ -39,19 +34,6 @@ def quantity(kind: Quantity, node: Scalar) -> float:
         allowed = f"{of}{limits[0]}..{limits[1]}{why}{mistaken(node.text)}"
         raise ValueError(f"{node.shown} is out of range; allowed: {allowed}")
     return value
-
-
-def wavelengths_in(texts: Iterable[str]) -> list[float]:
-    """The wavelengths [mm] that an option gives; raises ConfigError with the faults of all."""
-    found, faults = [], []
-    for text in texts:
-        try:
-            found.append(quantity(WAVELENGTH, Scalar(Place(1, 0, 0, ""), text, text)))
-        except ValueError as problem:
-            faults.append(f"--wavelength: {problem}")
-    if faults:
-        raise ConfigError(faults)
-    return found
 
 
 def span(kind: Number) -> str:

@@ -17,6 +17,8 @@ def read(source: str | Path, wanted: str = "a system file") -> tuple[str, str]:
     Raises ConfigError when there is no such file, or it cannot be read, or is not UTF-8 text.
     """
     name = "<stdin>" if str(source) == "-" else str(source)
+    if not name:
+        raise ConfigError([f"'': no such file; {wanted} is wanted"])
     try:
         if name == "<stdin>":
             data = sys.stdin.buffer.read(LARGEST + 1)

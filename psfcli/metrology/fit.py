@@ -84,14 +84,20 @@ def least_points(terms: int) -> int:
 def fit(measurements: Sequence[Measurement], terms: int = 1, gain_error: float = GAIN_ERROR) -> Fit:
     """The sum of ``terms`` K-correlations that fits the ``measurements`` best, in the logarithm.
 
-    Each instrument has a scatter of its own, estimated from its residuals (weights), the bias of the logarithm that
-    belongs to it, and a gain with the prior ln gain ~ N(0, ``gain_error``^2), 0: none. Where neighbours are correlated
-    they count as fewer points. Repeated until the scatters settle. The covariance is the inverse of the weighted normal
-    matrix, which holds for errors small against the curvature of the model: what is not resolved is refused.
+    Least is the sum of (ln P_ik - ln S(f_ik) - gain_i - bias_i)^2/(c_i s_i^2) over the points k of the instruments i,
+    and of gain_i^2/``gain_error``^2 (0: no gains). S is that of ``log_density``, s_i the scatter of an instrument,
+    estimated from its residuals, bias_i what ``log_bias`` makes of it, and c_i how many correlated neighbours count as
+    one point (``points_per_independent``). Repeated until the scatters settle. The covariance is the inverse of the
+    weighted normal matrix, which holds for errors small against the curvature of the model: what is not resolved is
+    refused.
 
-    Raises FitError, saying what the data leave open, and where a file has fewer than ``least_points``.
+    Raises FitError, saying what the data leave open, and where a file has fewer than ``least_points``, or all have one
+    frequency.
     """
     problem = Problem(measurements, terms, gain_error)
+    lowest, highest = problem.frequency.min(), problem.frequency.max()
+    if lowest == highest:
+        raise FitError(f"all points lie at {lowest:.6g} cycles/mm; a spectrum is measured at many frequencies")
     for m in measurements:
         if len(m.frequency) < least_points(terms):
             raise FitError(

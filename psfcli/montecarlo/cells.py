@@ -37,7 +37,8 @@ def cell_counts(
 ) -> tuple[int, list[Whole]]:
     """The number of rays, ``count`` or a few more, and how many land in each cell of each of ``grids``, [y, x].
 
-    The same numbers for the same ``seed`` by any number of ``jobs``.
+    Divided by the number, the counts are fractions of all light; what lands elsewhere or is lost is in no cell. They
+    are the same for the same ``seed`` by any number of ``jobs``.
     """
     size = batch_size(count)
     parts = batches(partial(_batch, rays, tuple(grids), size, seed), jobs)

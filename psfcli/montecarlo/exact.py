@@ -30,8 +30,10 @@ class ExactRays:
     """Rays of one ``field`` [rad] of an object at infinity, at one ``wavelength`` [mm].
 
     ``surfaces`` are those of the ``prescription``, in the same order; their ``incidence`` is not used. A surface loses
-    rays beyond its ``clear`` radius [mm] (``clear_radii``). Scatter has the two-parameter family at mirrors; at
-    refracting surfaces the mean number is that of the specular ray, whatever theta_s.
+    rays beyond its ``clear`` radius [mm] (``clear_radii``). Scatter has the two-parameter family at mirrors (Krywonos,
+    Harvey & Choi 2011, as in ``family``); at refracting surfaces the mean number is that of the specular ray, whatever
+    theta_s. Valid where geometrical optics is; light scatters on in the direction of the specular ray's hemisphere, and
+    meets every surface once.
     """
 
     prescription: Prescription
@@ -140,7 +142,8 @@ def clear_radii(
 ) -> tuple[float, ...]:
     """Radii [mm] that hold all unscattered rays of fields up to ``max_field`` [rad] in any direction, and 5 % more.
 
-    A prescription does not say where its surfaces end; what the field needs is the least that was built.
+    One for each of the ``surfaces``, in their order. A prescription does not say where its surfaces end; what the field
+    needs is the least that was built.
     """
     whole = Pupil(pupil.obscuration)
     edges = [ExactRays(prescription, surfaces, whole, 1.0, Field(r), ()) for r in (0.0, max_field, -max_field)]
@@ -161,7 +164,7 @@ def chief_height(prescription: Prescription) -> float:
 
 
 def entrance_pupil(prescription: Prescription) -> tuple[float, float]:
-    """Radius, and z from the first vertex, of the paraxial image of the stop [mm]."""
+    """Radius, and z from the first vertex, of the paraxial image of the stop [mm], which lies in no image."""
     before = prescription.surfaces[: prescription.stop]
     matrix = np.eye(2)
     if before:

@@ -19,12 +19,18 @@ _NEWTON_STEPS = 8  # each squares the error, which begins with the aspheric part
 
 
 def to_plane(point: Real, direction: Real, z: float = 0.0) -> Real:
-    """Where rays cross the plane at ``z``."""
+    """Where rays cross the plane at ``z`` [mm], shape (3, rays); infinite or nan for those along the plane."""
     return point + direction * ((z - point[2]) / direction[2])
 
 
 def to_surface(surface: OpticalSurface, point: Real, direction: Real) -> Real:
-    """Where rays meet a ``surface``: on its conic in closed form, on an asphere by Newton's method from there."""
+    """Where rays meet a ``surface``, shape (3, rays): on its conic in closed form, on an asphere by Newton's method.
+
+    The conic z = c r^2/[1 + sqrt(1 - (1 + K) c^2 r^2)] is met at t = F/[G +- sqrt(G^2 - c (1 + K n^2) F)] from the
+    plane z = 0, with F = c (x^2 + y^2), G = n - c (l x + m y), (l, m, n) the direction and the sign that of n: the
+    branch with the vertex. An asphere adds sum A_2i r^2i; valid where it departs little from its conic. Rays that miss
+    the conic become nan.
+    """
     start = to_plane(point, direction)
     c = surface.curvature
     F = c * (start[0] ** 2 + start[1] ** 2)
@@ -40,7 +46,7 @@ def to_surface(surface: OpticalSurface, point: Real, direction: Real) -> Real:
 
 
 def normal(surface: OpticalSurface, point: Real) -> Real:
-    """Unit normals at points of a ``surface``, towards -z, shape (3, rays)."""
+    """Unit normals (dz/dx, dz/dy, -1)/length at points of a ``surface``, towards -z, shape (3, rays)."""
     _, slope = _sag(surface, point)
     gradient = np.stack([slope * point[0], slope * point[1], np.full(point.shape[1], -1.0)])
     return gradient / np.sqrt(np.sum(gradient**2, axis=0))

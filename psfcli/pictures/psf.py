@@ -23,9 +23,9 @@ def density(fraction: Real, x: Real, y: Real) -> Real:
 
 
 def decades(densities: Iterable[Real]) -> tuple[float, float]:
-    """Limits [1/mm^2] for panels that share their colours: whole decades about all densities above 0, the topmost
+    """Limits [1/mm^2] for panels that share their colours: whole decades about all ``densities`` above 0.
 
-    MOST_DECADES of them.
+    The topmost MOST_DECADES of them, at least one; 0.1 to 1 where no density is above 0.
     """
     lit = [shown[shown > 0.0] for shown in densities]
     most = math.ceil(math.log10(max(float(each.max(initial=0.0)) for each in lit) or 1.0))

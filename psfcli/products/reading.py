@@ -70,7 +70,7 @@ def _fits_rows(path: Path, field: int | None, pixels: Sequence[int]) -> tuple[st
     from astropy.io import fits  # here, for a table of energies does without
 
     # astropy warns of a truncated file and goes on; mapped, the cubes would fill the memory as they are read
-    with warnings.catch_warnings(action="error"), fits.open(path, memmap=False) as opened:
+    with warnings.catch_warnings(action="error"), path.open("rb") as file, fits.open(file, memmap=False) as opened:
         cards, table, energies = opened[0].header, opened["FIELDS"], opened["EE"].data
         count, edge, unit = len(table.data), cards["NPIXEL"], table.columns["field"].unit
         if field is not None and field >= count:

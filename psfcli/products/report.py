@@ -56,6 +56,8 @@ def write_picture(path: Path, draw: Draw, *, overwrite: bool) -> None:
         raise OutputError(NO_PICTURE)
     if path.is_dir():
         raise OutputError(f"{path}: is a directory where a picture must go; choose another --output")
+    if path.parent.exists() and not path.parent.is_dir():
+        raise OutputError(f"{path.parent}: is a file, not a directory; choose another --output")
     if path.exists() and not overwrite:
         raise OutputError(f"{path}: exists already; --overwrite replaces it")
     with output_errors(path.parent):

@@ -72,7 +72,10 @@ def profiles(
 ) -> tuple[Profile, ...]:
     """The profiles of all ``surfaces`` at each angle of incidence [rad], those that scatter alike as one.
 
-    ``wavelength`` [mm], ``plane`` [rad]. Raises ProfileError.
+    ``wavelength`` [mm], ``plane`` [rad]. The BSDF is that of ``hemisphere_scatter``, with its norm and its range; the
+    incidence of the surfaces themselves is not used. Directions are dense about the specular one, from a hundredth of
+    the longest knee's on, and at the horizon. Raises ProfileError for an incidence that the surface cannot have, and
+    for spectra too steep and rough together.
     """
     alike: dict[Surface, list[str]] = {}
     for surface in surfaces:

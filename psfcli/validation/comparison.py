@@ -110,7 +110,11 @@ class Extreme:
 
 
 def extreme(comparisons: Sequence[Comparison]) -> Extreme:
-    """The most extreme of all deviations, against Student's t of BATCHES - 1 degrees of freedom by Sidak's rule."""
+    """The most extreme of all deviations, against Student's t of BATCHES - 1 degrees of freedom by Sidak's rule.
+
+    Of n boxes none deviates by more than t with the probability [1 - 2 P(T < -t)]^n, were they independent: boxes that
+    share rays are less often extreme, so that a false alarm is rarer than FALSE_ALARM. Nothing judged deviates by 0.
+    """
     largest = max((c.largest_deviation for c in comparisons), default=0.0)
     boxes = max(sum(int(c.judged.sum()) * len(CENTRES) for c in comparisons), 1)
     of_one = 2.0 * float(special.stdtr(BATCHES - 1, -largest))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from enum import StrEnum
 
@@ -24,6 +24,8 @@ from psfcli.validation.comparison import CENTRES, Comparison
 
 Real = NDArray[np.float64]
 Progress = Callable[[int], None]
+Convolution = tuple[int, int, FieldImage]
+"""The index of a wavelength, that of a field, and their image."""
 
 _PILOT = 300_000
 _NEAR_HORIZON = 0.1  # of the smallest d_j: farther out, how the spectrum ends at the horizon shows
@@ -44,15 +46,16 @@ def compare(
     seed: int = 0,
     jobs: int = 1,
     progress: Progress | None = None,
+    images: Sequence[Convolution] | None = None,
 ) -> list[Comparison]:
     """Eq. 44 by convolution at ``reference`` against ``rays`` of some ``level``, for every image of a ``system``.
 
     ``progress`` is called with numbers of rays done; EXACT needs a system with a prescription. Boxes are about the
-    chief ray and the centroid that each of the two has itself. Raises SceneError where the convolution cannot be
-    computed.
+    chief ray and the centroid that each of the two has itself. ``images`` are the ``convolutions``, where they are
+    there already. Raises SceneError where the convolution cannot be computed.
     """
     found = []
-    for w, f, image in _convolutions(system):
+    for w, f, image in convolutions(system) if images is None else images:
         wavelength, field, squares = system.wavelengths[w], system.fields[f], image.ensquared
         traced = _rays(system, level, wavelength, field)
         centres = traced.centres() if isinstance(traced, ExactRays) else _centres(image)
@@ -116,8 +119,11 @@ def _rays(system: System, level: Level, wavelength: float, field: Field) -> Rays
     return ExactRays(system.prescription, system.surfaces, pupil, wavelength, field, clear)
 
 
-def _convolutions(system: System) -> list[tuple[int, int, FieldImage]]:
-    """(wavelength index, field index, image) of every image at ``reference`` accuracy, without pixels, in order."""
+def convolutions(system: System) -> list[Convolution]:
+    """Every image at ``reference`` accuracy, in order, energies alone. Raises SceneError where one cannot be computed.
+
+    The energies of an image [box] are fractions of all light (Eq. 44), good to 1e-8.
+    """
     scene = recipe.plan(replace(system, tolerance=PRESETS["reference"]), with_cube=False)
     return sorted(recipe.images(scene), key=lambda found: found[:2])
 

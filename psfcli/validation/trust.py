@@ -25,7 +25,7 @@ class Trust:
 
 
 def trust(comparison: Comparison) -> Trust:
-    """How far down in half width one image can be trusted."""
+    """How far down in half width one image can be trusted; it must have a box that is judged."""
     judged = np.flatnonzero(comparison.judged)
     agrees, difference = EXACT.agreeing(comparison)[0, judged], comparison.difference[0, judged]
     wrong = np.flatnonzero(~agrees)

@@ -1,4 +1,4 @@
-"""Angles that are options of a command and no part of the system file."""
+"""Values with units that are options of a command and no part of the system file."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from psfcli.config.kinds import Quantity
 
 
-def angles(option: str, texts: Sequence[str], kind: Quantity) -> tuple[float, ...]:
-    """The values [rad] of an option given once or more, such as ``--incidence "5 deg"``.
+def quantities(option: str, texts: Sequence[str], kind: Quantity) -> tuple[float, ...]:
+    """The values [mm, rad] of an option given any number of times, such as ``--incidence "5 deg"``.
 
     Raises ConfigError with every fault.
     """
