@@ -59,9 +59,11 @@ def stretches(fan: Index, rho: Real, fans: int, inner: float) -> tuple[Real, Rea
     each = np.arange(fans)
     all_fan = np.concatenate([each, each, fan])
     all_rho = np.concatenate([np.full(fans, inner), np.ones(fans), rho])
-    order = np.lexsort((all_rho, all_fan))
+    order = np.argsort(2.0 * all_fan + all_rho)  # one key sorts in half the time, where rounding leaves it the order
+    within = np.diff(all_fan[order]) == 0
+    if np.any(np.diff(all_rho[order])[within] < 0.0):
+        order = np.lexsort((all_rho, all_fan))
     all_fan, all_rho = all_fan[order], all_rho[order]
-    within = all_fan[1:] == all_fan[:-1]
     return all_rho[:-1][within], all_rho[1:][within], all_fan[1:][within]
 
 
