@@ -25,7 +25,7 @@ Assignment = tuple[Index, Real]  # cells of pieces (-1: none) and the part of ea
 Window = tuple[slice, slice]  # rows and columns of a grid
 
 _FEWEST_SLICES = 48
-_FANS_AT_ONCE = 2048
+_FANS_AT_ONCE = 512  # whose pieces a processor's cache holds
 _BUCKETS = 1021  # cells are told apart modulo this when slices are judged
 
 
@@ -117,17 +117,17 @@ class _Landings:
 
     def per_fan(self, azimuth: Real, point: Index, modulus: Index) -> Real:
         """The light of the fan along each ``azimuth`` of its ``point``, per cell modulo the point's ``modulus``."""
-        fan, cell, amount = self._amounts(azimuth, point)
-        columns = int(modulus.max())
-        place = fan * columns + cell % modulus[point[fan]]
-        light = np.bincount(place, amount, azimuth.size * columns)
-        return light.reshape(-1, columns).astype(np.float64, copy=False)  # counts of nothing are integers
+        light = np.empty((azimuth.size, int(modulus.max())))
+        for part in _few_fans(azimuth.size):
+            fan, cell, amount = self._amounts(azimuth[part], point[part])
+            place = fan * light.shape[1] + cell % modulus[point[part][fan]]
+            light[part] = np.bincount(place, amount, light[part].size).reshape(light[part].shape)
+        return light
 
     def summed(self, point: int, azimuth: Real, power: Real) -> Real:
         """The light of fans of one ``point`` per cell, each times its ``power``."""
         light = np.zeros(self.cells[point])
-        for start in range(0, azimuth.size, _FANS_AT_ONCE):
-            part = slice(start, start + _FANS_AT_ONCE)
+        for part in _few_fans(azimuth.size):
             fan, cell, amount = self._amounts(azimuth[part], np.full(azimuth[part].size, point))
             light += np.bincount(cell, amount * power[part][fan], light.size)
         return light
@@ -154,6 +154,12 @@ class _Landings:
                 found.append((pieces.fan[lit], (i * columns + j)[lit], amount[lit]))
         fan, cell, share = (np.concatenate(some) for some in zip(*found, strict=True))
         return fan, cell, share
+
+
+def _few_fans(count: int) -> Iterator[slice]:
+    """All fans, a few at a time."""
+    for start in range(0, count, _FANS_AT_ONCE):
+        yield slice(start, start + _FANS_AT_ONCE)
 
 
 def lit_azimuths(point: GeometricalImage, *, half: bool) -> tuple[float, float]:
