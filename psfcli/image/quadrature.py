@@ -89,8 +89,8 @@ def integrate_adaptively(
     rule = _halved_until(functions, left, right, group, tolerance)
     strictness = np.ones(tolerance.size)
     while True:
-        loose = rule.error > tolerance
-        if not loose.any() or _PLACE.size * rule.left.size > _MOST_NODES * tolerance.size:
+        loose = (rule.error > tolerance) & (_PLACE.size * _counts(rule.group, tolerance.size) <= _MOST_NODES)
+        if not loose.any():
             return rule
         strictness[loose] *= 2.0 * np.maximum(2.0, rule.error[loose] / tolerance[loose])
         some = loose[group]
@@ -119,16 +119,16 @@ def _halved_until(
     whole = np.bincount(group, right - left, groups)
     finished: list[tuple[Real, Real, Index]] = []
     sums = np.zeros((groups, 1))  # of changes and of integrals
-    count = 0
+    count = np.zeros(groups, dtype=np.intp)
     for part in _parts(group):  # a few slices at a time, to the end: little is held
         a, b, g = left[part], right[part], group[part]
         fa, fm, fb = _at_ends_and_middles(functions, a, b, g)
-        count += 3 * a.size
+        count += 3 * _counts(g, groups)
         while a.size:
             middle = 0.5 * (a + b)
             halves = np.concatenate([0.5 * (a + middle), 0.5 * (middle + b)])
             fl, fr = np.split(functions(halves, np.concatenate([g, g])), 2)
-            count += 2 * a.size
+            count += 2 * _counts(g, groups)
             twelfth = ((b - a) / 12.0)[:, None]
             inner = 4.0 * (fl + fr)
             outer = fa + fb
@@ -137,7 +137,7 @@ def _halved_until(
             bend = _BEND * twelfth * (fb - fa + 2.0 * (fl - fr))
             change = np.maximum(np.abs(finer - coarse), np.abs(bend))
             good = change.max(axis=1) <= tolerance[g] * np.maximum((b - a) / whole[g], _LEAST_SHARE)
-            good |= count > _MOST_NODES * groups
+            good |= (count > _MOST_NODES)[g]
             done, more = np.flatnonzero(good), np.flatnonzero(~good)
             sums = sums + _sum_by_group(np.concatenate([change[done], finer[done]], axis=1), g[done], groups)
             finished.append((a[done], b[done], g[done]))
@@ -185,6 +185,11 @@ def _at_ends_and_middles(
     each = np.arange(a.size)
     start = np.where(fresh, np.cumsum(fresh) - 1, starts + a.size + each - 1)
     return values[start], values[starts : starts + a.size], values[starts + a.size :]
+
+
+def _counts(group: Index, groups: int) -> Index:
+    """How many there are of each ``group``."""
+    return np.bincount(group, minlength=groups)
 
 
 def _sum_by_group(rows: Real, group: Index, groups: int) -> Real:
