@@ -124,7 +124,8 @@ def truth_of(scene: Scene) -> Truth:
     extent = max(spot["rms_x"], spot["rms_y"])
     centroid = spot["centroid_x"], spot["centroid_y"]
     farthest = max(max(map(abs, whole)), max(half_widths) + max(map(abs, centroid)))
-    image = Image(system, 1.5 * (farthest + max(map(abs, centroid)) + 10.0 * extent))
+    reach = 1.5 * (farthest + max(map(abs, centroid)) + 10.0 * extent)
+    image, bare = Image(system, reach), Image(system.but(seidel={}), reach)
     pixels = []
     for fine in (False, True)[: 1 + (detector["oversample"] > 1)]:
         for row, column in sorted(_places(detector, centroid, extent, fine=fine)):
@@ -132,7 +133,6 @@ def truth_of(scene: Scene) -> Truth:
             wide = (2.0 * x[0] - x[1], 2.0 * x[1] - x[0], 2.0 * y[0] - y[1], 2.0 * y[1] - y[0])
             pixels.append(Pixel(row, column, fine, image.energy((*x, *y)), image.touches(wide)))
     chief = spot["chief_x"], spot["chief_y"]
-    bare = Image(system.but(seidel={}), 1.5 * max(half_widths))
     boxes = {}
     for box, half_width in enumerate(half_widths):
         boxes["ee", box] = image.square(half_width)

@@ -18,6 +18,8 @@ geometry       third-order ray errors, counted rays, closed forms of simple spot
 specular       unscattered light in a rectangle: roots of quartics on rings of the pupil
 ensquared      energies of pixels, boxes and of all that lies outside a window
 image          the same energies, quickly: tables of the halo, cells of the pupil
+rectangle      the energy of S about rays in a rectangle
+pupil          means over the pupil, in cells
 montecarlo     sampled deviations and ray errors
 cases          the paper's telescope and the reference systems
 halo           S(r) of sixteen systems, stored
