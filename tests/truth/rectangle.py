@@ -20,8 +20,7 @@ Window = tuple[float, float, float, float]
 
 _TABLE = 1e-12  # relative error of the tabled energies
 _CANCELLED = 1e-10  # the most of it that may be left in what a ray outside sees
-_EDGE_PIECE = 1.0
-_EDGE_RULE = np.polynomial.legendre.leggauss(8)
+_EDGE_PIECE, _EDGE_RULE = 1.25, np.polynomial.legendre.leggauss(8)  # in a strip of pi/2 about the real axis: 1e-11
 # (longest side over hypot(gap, c), Gauss nodes along it): the pole of S at r = i c leaves 1e-11
 _PRODUCT_RULES = tuple((side, np.polynomial.legendre.leggauss(n)) for side, n in ((0.05, 3), (0.15, 4), (0.5, 6)))
 
