@@ -20,9 +20,11 @@ Window = tuple[float, float, float, float]
 
 _TABLE = 1e-12  # relative error of the tabled energies
 _CANCELLED = 1e-10  # the most of it that may be left in what a ray outside sees
-_EDGE_PIECE, _EDGE_RULE = 1.25, np.polynomial.legendre.leggauss(8)  # in a strip of pi/2 about the real axis: 1e-11
-# (longest side over hypot(gap, c), Gauss nodes along it): the pole of S at r = i c leaves 1e-11
-_PRODUCT_RULES = tuple((side, np.polynomial.legendre.leggauss(n)) for side, n in ((0.05, 3), (0.15, 4), (0.5, 6)))
+# S is singular at r = i c, the more the steeper it falls: both rules keep 1e-9 of the energy up to C = 8
+_EDGE_PIECE, _EDGE_RULE = 1.0, np.polynomial.legendre.leggauss(12)
+# (longest side over hypot(gap, c), Gauss nodes along it)
+_RULES = (0.02, 3), (0.08, 4), (0.2, 6), (0.5, 8)
+_PRODUCT_RULES = tuple((side, np.polynomial.legendre.leggauss(nodes)) for side, nodes in _RULES)
 
 
 def energy_about(
