@@ -17,7 +17,7 @@ Scales = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 RELATIVE, FAINTEST = 1e-9, 1e-35  # of the mean
 _WIDEST = 2.5  # a cell's light over the scale of the density, to begin with
 _MOST_CELLS = 200_000
-_CELLS_AT_ONCE = 20  # what they see fits into a cache
+_CELLS_AT_ONCE = 8  # what they see fits into a cache
 _NODE, _GAUSS = np.polynomial.legendre.leggauss(8)
 # the last four of the Legendre polynomials that eight nodes can tell, orthonormal, times the weights
 _LAST = (np.polynomial.legendre.legvander(_NODE, 7) * np.sqrt(np.arange(8) + 0.5) * _GAUSS[:, None]).T[4:]
