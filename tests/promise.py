@@ -124,21 +124,20 @@ def truth_of(scene: Scene) -> Truth:
     extent = max(spot["rms_x"], spot["rms_y"])
     centroid = spot["centroid_x"], spot["centroid_y"]
     farthest = max(max(map(abs, whole)), max(half_widths) + max(map(abs, centroid)))
-    image = Image(system, 1.5 * (farthest + max(map(abs, centroid)) + 10.0 * extent))
+    reach = 1.5 * (farthest + max(map(abs, centroid)) + 10.0 * extent)
+    image, bare = Image(system, reach), Image(system.but(seidel={}), reach)
     pixels = []
     for fine in (False, True)[: 1 + (detector["oversample"] > 1)]:
         for row, column in sorted(_places(detector, centroid, extent, fine=fine)):
             x, y = (pixel_edges(detector, i, axis, fine=fine) for i, axis in ((column, 0), (row, 1)))
             wide = (2.0 * x[0] - x[1], 2.0 * x[1] - x[0], 2.0 * y[0] - y[1], 2.0 * y[1] - y[0])
             pixels.append(Pixel(row, column, fine, image.energy((*x, *y)), image.touches(wide)))
-    chief = spot["chief_x"], spot["chief_y"]
-    bare = Image(system.but(seidel={}), 1.5 * max(half_widths))
+    centres = {"ee": (0.0, 0.0), "ee_chief": (spot["chief_x"], spot["chief_y"]), "ee_centroid": centroid}
     boxes = {}
     for box, half_width in enumerate(half_widths):
-        boxes["ee", box] = image.square(half_width)
-        for column, centre in (("ee_chief", chief), ("ee_centroid", centroid)):
-            moved = math.hypot(*centre) > 1e-12 * half_width
-            boxes[column, box] = image.square(half_width, centre) if moved else boxes["ee", box]
+        for column, centre in centres.items():
+            alike = [c for c in centres if (c, box) in boxes and math.dist(centres[c], centre) <= 1e-12 * half_width]
+            boxes[column, box] = boxes[alike[0], box] if alike else image.square(half_width, centre)
         boxes["ee_unaberrated", box] = bare.square(half_width)
     return Truth(tuple(pixels), boxes, 1.0 - image.energy(whole, JUDGED_ENERGY), time.process_time() - started)
 

@@ -15,9 +15,12 @@ radial         tables of that and of its energy
 panels         S(r) on the real axis, by panels between Bessel zeros
 horizon        what the clip at the horizon takes away from S
 geometry       third-order ray errors, counted rays, closed forms of simple spots
-specular       unscattered light in a rectangle: roots of quartics on rings of the pupil
+specular       unscattered light in a rectangle: the lit fraction of rings of the pupil, between its kinks
+rings          that fraction: crossings of a ring with the edges as roots of quartics
 ensquared      energies of pixels, boxes and of all that lies outside a window
 image          the same energies, quickly: tables of the halo, cells of the pupil
+rectangle      the energy of S about rays in a rectangle
+pupil          means over the pupil, in cells
 montecarlo     sampled deviations and ray errors
 cases          the paper's telescope and the reference systems
 halo           S(r) of sixteen systems, stored

@@ -7,71 +7,68 @@ whichever loses fewer digits. Energies are shells added up, from the centre and 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import BSpline, CubicHermiteSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 
 from .contours import STEP, STRIDE, clipped, unclipped
 from .horizon import missing_psf
 from .system import RoughSurface, TruthSystem, phase_variance
 
-_CUBIC_STEP = 2e-3  # as exact as the splines: 1e-13
-_TINY = 1e-300
+_SHIFT = 45  # a double has 52 bits of mantissa: 128 parts to the octave
+_MASK = (1 << _SHIFT) - 1
 NOISE = 1e-9  # the largest relative noise handed out
 
 
-class CubicTable:
-    """A smooth function of ln r as cubics on even steps, read off a spline; constant beyond its ends."""
+class SquareTable:
+    """A smooth function of a radius as quintics in its square, on even parts of each octave; constant beyond its ends.
 
-    def __init__(self, spline: BSpline, low: float, high: float) -> None:
-        count = math.ceil((high - low) / _CUBIC_STEP)
-        grid = low + _CUBIC_STEP * np.arange(count + 1)
-        self._low, self._most = low, count - 1e-9
-        self._coefficients = CubicHermiteSpline(grid, spline(grid), spline(grid, 1)).c * (
-            _CUBIC_STEP ** np.arange(3, -1, -1)[:, None]
-        )
+    A double's exponent and leading bits number its part, the other bits are the place in it: no logarithm is taken.
+    Each quintic goes through six Chebyshev nodes: 1e-12 of the function.
+    """
 
-    def __call__(self, log_r: np.ndarray) -> np.ndarray:
-        place = np.clip((log_r - self._low) / _CUBIC_STEP, 0.0, self._most)
-        index = place.astype(np.intp)
-        place -= index
-        cubic, square, linear, constant = (c.take(index) for c in self._coefficients)
-        return ((cubic * place + square) * place + linear) * place + constant
+    def __init__(self, function: Callable[[np.ndarray], np.ndarray], low: float, high: float) -> None:
+        """``function`` of ln r, tabled from radius ``low`` to ``high``."""
+        first, last = (int(part) for part in np.array([low**2, high**2]).view(np.int64) >> _SHIFT)
+        ends = (np.arange(first, last + 2) << _SHIFT).view(float)
+        node = 0.5 - 0.5 * np.cos(np.pi * (np.arange(6) + 0.5) / 6)
+        square = ends[:-1] + np.diff(ends) * node[:, None]
+        values = function(np.clip(0.5 * np.log(square), math.log(low), math.log(high)))
+        self._coefficients = np.ascontiguousarray(np.linalg.solve(np.vander(node), values))
+        self._offset, self._first, self._last = first, low**2, high**2
+
+    def __call__(self, square: np.ndarray) -> np.ndarray:
+        bits = np.clip(square, self._first, self._last).view(np.int64)
+        index = (bits >> _SHIFT) - self._offset
+        place = (bits & _MASK) * (1.0 / (_MASK + 1))
+        result = self._coefficients[0].take(index)
+        for coefficient in self._coefficients[1:]:
+            result *= place
+            result += coefficient.take(index)
+        return result
 
 
 @dataclass(frozen=True)
 class RadialScatter:
-    """Tables in ln r: ``log_density`` of ln S but for the factor ``clip``; of ln of the energies within and beyond r.
+    """Tables of S, and of the energies within and beyond r; ``core`` is the narrowest knee lambda d/B [mm].
 
     ``worst`` is the largest relative noise, ``closure`` what the shells and the tail miss of 1 - exp(-sum g).
     """
 
+    core: float
     first: float
-    log_density: CubicTable
-    clip: CubicTable
-    log_inside: CubicTable
-    log_outside: CubicTable
+    psf: SquareTable
+    within: SquareTable
+    outside: SquareTable
     worst: float
     closure: float
 
-    def psf(self, square: np.ndarray) -> np.ndarray:
-        """S [1/mm^2] at radii of given ``square`` [mm^2]; constant within ``first``, where it falls by 1e-8 of itself.
-
-        Relative error: the larger of ``worst`` and 1e-10.
-        """
-        log_r = 0.5 * np.log(square + _TINY)
-        return np.exp(self.log_density(log_r)) * self.clip(log_r)
-
     def inside(self, square: np.ndarray) -> np.ndarray:
         """Energy within a radius of given ``square`` [mm^2]; relative accuracy."""
-        energy = np.exp(self.log_inside(0.5 * np.log(square + _TINY)))
-        return energy * np.minimum(square / self.first**2, 1.0)
-
-    def outside(self, square: np.ndarray) -> np.ndarray:
-        """Energy beyond, but for a constant: good for differences, relative to the outer value."""
-        return np.exp(self.log_outside(0.5 * np.log(square + _TINY)))
+        return self.within(square) * np.minimum(square / self.first**2, 1.0)
 
 
 def radial_scatter(system: TruthSystem, reach: float) -> RadialScatter:
@@ -112,10 +109,16 @@ def _radial_scatter(wavelength: float, surfaces: tuple[RoughSurface, ...], reach
     tail = 2.0 * np.pi * math.exp(2.0 * log_r[-1]) * density[-1] * ratio[-1] / (-slope - 2.0)
     beyond = max(tail, 0.0) + 2.0 * float(-np.minimum(shells, 0.0).sum()) + 1e-300
     outside = beyond + np.append(np.cumsum(shells[::-1])[::-1], 0.0)
-    energies = [make_interp_spline(log_r, np.log(energy), k=7) for energy in (inside, outside)]
+    log_inside, log_outside = (make_interp_spline(log_r, np.log(energy), k=7) for energy in (inside, outside))
+    functions = (
+        lambda t: np.exp(log_density(t)) * clip(t),
+        lambda t: np.exp(log_inside(t)),
+        lambda t: np.exp(log_outside(t)),
+    )
     return RadialScatter(
+        float(min(knees)),
         float(r[0]),
-        *(CubicTable(spline, log_r[0], log_r[-1]) for spline in (log_density, clip, *energies)),
+        *(SquareTable(function, float(r[0]), float(r[-1])) for function in functions),
         worst,
         (total - tail - inside[-1]) / total,
     )

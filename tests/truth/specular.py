@@ -1,9 +1,8 @@
-"""The unscattered light in a rectangle, by rings of the pupil.
+"""The unscattered light in a rectangle: the lit fraction of each ring of the pupil (``rings``), over rho^2.
 
-On a ring rho = const the ray errors are trigonometric polynomials of degree 2 in the azimuth. Their crossings with an
-edge are the roots of a quartic in exp(i phi) (eigenvalues of its companion matrix), polished by Newton's method;
-between neighbouring crossings the ray stays in or out. The lit fraction of the ring is then integrated over rho^2,
-where rings may land in the rectangle at all, by panels halved where the fraction has kinks.
+Rings that may land in the rectangle are found first, then the kinks of the fraction among them, where the way a ring
+passes the rectangle's edges changes. Between kinks a substitution takes the square roots off both ends, and panels are
+halved until they stand.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .geometry import ray_error
+from .rings import landing
 
 if TYPE_CHECKING:
     from .system import TruthSystem
@@ -21,63 +21,9 @@ if TYPE_CHECKING:
 _NODES = np.cos(np.pi * np.arange(13) / 12.0)
 _WEIGHTS = np.linalg.solve(np.polynomial.legendre.legvander(_NODES, 12).T, np.eye(13)[0] * 2.0)
 
-_PANELS = 12  # to begin with, in each interval of rings
+_RINGS = 97  # among which kinks are looked for, in each interval
+_PARTS, _ROUNDS = 8, 9  # of a search: 1e-8 of what it begins with
 _MOST_CELLS = 4000
-
-
-def _harmonics(system: TruthSystem, rho: np.ndarray) -> np.ndarray:
-    """Fourier coefficients c_-2..c_2 of eps_x and eps_y on rings, shape [2, ring, 5]; an 8-point transform."""
-    phi = 2.0 * np.pi * np.arange(8) / 8
-    errors = np.array(ray_error(system, rho[:, None] * np.cos(phi), rho[:, None] * np.sin(phi)))
-    return (np.fft.fft(errors, axis=-1) / 8)[..., [-2, -1, 0, 1, 2]]
-
-
-def _value(c: np.ndarray, phi: np.ndarray, order: int = 0) -> np.ndarray:
-    """Sum_k c_k (ik)^order exp(i k phi), real; c [..., 5], phi [..., m]."""
-    k = np.arange(-2, 3)
-    return np.einsum("...k,...mk->...m", c * (1j * k) ** order, np.exp(1j * phi[..., None] * k)).real
-
-
-def _crossings(c: np.ndarray, edge: float) -> np.ndarray:
-    """Azimuths [ring, 6] among which are all roots of Sum c_k exp(i k phi) = edge; the others do no harm."""
-    c = c.copy()
-    c[:, 2] -= edge
-    scale = np.abs(c).max(axis=1, keepdims=True)
-    c = c / np.where(scale > 0.0, scale, 1.0)
-    lead = np.where(np.abs(c[:, 4]) > 1e-9, c[:, 4], 1.0)
-    companion = np.zeros((len(c), 4, 4), complex)
-    companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
-    companion[:, :, 3] = -c[:, :4] / lead[:, None]
-    quartic = np.angle(np.linalg.eigvals(companion))
-    amplitude = 2.0 * np.abs(c[:, 3])  # without the second harmonic: c_0 + amplitude cos(phi + arg c_1) = 0
-    ratio = -c[:, 2].real / np.where(amplitude > 0.0, amplitude, 1.0)
-    spread = np.arccos(np.clip(ratio, -1.0, 1.0))
-    middle = -np.angle(c[:, 3])
-    phi = np.concatenate([quartic, (middle + spread)[:, None], (middle - spread)[:, None]], axis=1)
-    for _ in range(3):
-        slope = _value(c, phi, 1)
-        step = _value(c, phi) / np.where(np.abs(slope) > 1e-12, slope, np.inf)
-        phi = phi - np.clip(step, -0.05, 0.05)
-    return phi
-
-
-def _inside(value: np.ndarray, low: float, high: float) -> np.ndarray:
-    """1 between low and high, 1/2 on either: light exactly on an edge is shared by its two pixels."""
-    return np.heaviside(value - low, 0.5) - np.heaviside(value - high, 0.5)
-
-
-def lit_fraction(system: TruthSystem, rho: np.ndarray, x0: float, x1: float, y0: float, y1: float) -> np.ndarray:
-    """Fraction of the lit part of each ring ``rho`` whose rays land in the rectangle [mm]."""
-    cx, cy = _harmonics(system, rho)
-    first, last = system.sector or (-np.pi, np.pi)
-    cuts = np.concatenate([_crossings(cx, x0), _crossings(cx, x1), _crossings(cy, y0), _crossings(cy, y1)], axis=1)
-    cuts = np.minimum(first + np.mod(cuts - first, 2.0 * np.pi), last)
-    ends = np.ones((len(rho), 1))
-    cuts = np.sort(np.concatenate([cuts, first * ends, last * ends], axis=1), axis=1)
-    middle = 0.5 * (cuts[:, 1:] + cuts[:, :-1])
-    ex, ey = ray_error(system, rho[:, None] * np.cos(middle), rho[:, None] * np.sin(middle))
-    inside = _inside(ex, x0, x1) * _inside(ey, y0, y1)
-    return (np.diff(cuts, axis=1) * inside).sum(axis=1) / (last - first)
 
 
 def rings_that_may_land(system: TruthSystem, x0: float, x1: float, y0: float, y1: float) -> np.ndarray:
@@ -122,36 +68,66 @@ def _joined(intervals: np.ndarray) -> np.ndarray:
     return np.stack([low[gap], np.append(reach[:-1][gap[1:]], reach[-1])], axis=1)
 
 
+def _kinks(system: TruthSystem, window: tuple[float, float, float, float], low: float, high: float) -> np.ndarray:
+    """Where between ``low`` and ``high`` of rho^2 (both included) rings begin to pass the window's edges differently.
+
+    Neighbours of a sample of rings that differ are searched between, part by part, for the first ring unlike the left
+    one, and again from there on. What the sample misses is left to the halving of panels.
+    """
+    p = np.linspace(low, high, _RINGS)
+    _, way = landing(system, np.sqrt(p), *window)
+    changed = np.any(way[1:] != way[:-1], axis=1)
+    left, right, way_left, way_right = p[:-1][changed], p[1:][changed], way[:-1][changed], way[1:][changed]
+    found = []
+    while len(left):
+        a, b, way_b = left, right, way_right
+        for _ in range(_ROUNDS):
+            grid = a[:, None] + (b - a)[:, None] * np.arange(1, _PARTS + 1) / _PARTS
+            _, ways = landing(system, np.sqrt(grid[:, :-1]).ravel(), *window)
+            ways = np.concatenate([ways.reshape(len(a), _PARTS - 1, 4), way_b[:, None]], axis=1)
+            first = np.argmax(np.any(ways != way_left[:, None], axis=2), axis=1)[:, None]
+            way_b = np.take_along_axis(ways, first[..., None], 1)[:, 0]
+            b = np.take_along_axis(grid, first, 1)[:, 0]
+            a = b - (grid[:, 1] - grid[:, 0])
+        found.append(0.5 * (a + b))
+        more = np.any(way_b != way_right, axis=1) & (b < right)
+        left, right, way_left, way_right = b[more], right[more], way_b[more], way_right[more]
+    return np.concatenate([[low, high], *found])
+
+
 def specular_energy(system: TruthSystem, x0: float, x1: float, y0: float, y1: float, tolerance: float = 1e-11) -> float:
     """Fraction of PSF_G in the rectangle [mm]; the light of the specular image is exp(-sum g) times this.
 
-    Panels in rho^2, where rings may land, are halved until each differs from its halves by less than its share of
-    ``tolerance``. Against the exact annulus and line: 1e-10 or better. A spot that collapses to a point on an edge
-    counts half (a quarter at a corner).
+    Panels in t, rho^2 = a + (b - a) sin^2(pi t/2) between neighbouring kinks a and b, are halved until each differs
+    from its halves by less than its share of ``tolerance``. Against the exact annulus and line: 1e-10 or better. A spot
+    that collapses to a point on an edge counts half (a quarter at a corner).
     """
-    inner = system.obscuration**2
-
-    def integrate(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        half = 0.5 * (high - low)
-        p = low[:, None] + half[:, None] * (1.0 + _NODES)
-        return half * (lit_fraction(system, np.sqrt(p).ravel(), x0, x1, y0, y1).reshape(p.shape) @ _WEIGHTS)
-
-    edges = [np.linspace(a * a, b * b, _PANELS + 1) for a, b in rings_that_may_land(system, x0, x1, y0, y1)]
-    if not edges:
+    window = x0, x1, y0, y1
+    ends = [np.unique(_kinks(system, window, a * a, b * b)) for a, b in rings_that_may_land(system, *window)]
+    if not ends:
         return 0.0
-    low, high = (np.concatenate([e[part] for e in edges]) for part in (slice(None, -1), slice(1, None)))
-    share = tolerance * (1.0 - inner) / (2.0 * len(low))
-    coarse = integrate(low, high)
+    first, last = (np.concatenate([e[part] for e in ends]) for part in (slice(None, -1), slice(1, None)))
+
+    def integrate(panels: np.ndarray) -> np.ndarray:  # [n, 4] of (a, b, t0, t1)
+        a, b, t0, t1 = panels.T[..., None]
+        t = 0.5 * np.pi * (t0 + 0.5 * (t1 - t0) * (1.0 + _NODES))
+        fraction, _ = landing(system, np.sqrt(a + (b - a) * np.sin(t) ** 2).ravel(), *window)
+        return (0.25 * np.pi * (b - a) * (t1 - t0))[:, 0] * ((fraction.reshape(t.shape) * np.sin(2.0 * t)) @ _WEIGHTS)
+
+    panels = np.stack([first, last, np.zeros_like(first), np.ones_like(first)], axis=1)
+    inner = system.obscuration**2
+    share = tolerance * (1.0 - inner) / (2.0 * len(panels))
+    coarse = integrate(panels)
     total = 0.0
     for _ in range(60):
-        middle = 0.5 * (low + high)
-        left, right = integrate(low, middle), integrate(middle, high)
-        poor = np.abs(left + right - coarse) > share
-        total += float((left + right)[~poor].sum())
+        left, right = panels.copy(), panels.copy()
+        left[:, 3] = right[:, 2] = 0.5 * (panels[:, 2] + panels[:, 3])
+        halves = integrate(np.concatenate([left, right])).reshape(2, -1)
+        poor = np.abs(halves.sum(axis=0) - coarse) > share
+        total += float(halves[:, ~poor].sum())
         if not poor.any():
             break
-        low, high = np.concatenate([low[poor], middle[poor]]), np.concatenate([middle[poor], high[poor]])
-        coarse = np.concatenate([left[poor], right[poor]])
+        panels, coarse = np.concatenate([left[poor], right[poor]]), halves[:, poor].ravel()
     else:
         total += float(coarse.sum())
     return total / (1.0 - inner)
