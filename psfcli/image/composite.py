@@ -41,6 +41,7 @@ Index = NDArray[np.intp]
 
 _LEVEL = 2.6  # successive blocks of cells shrink by this factor
 _LOCAL = 0.125  # of a sub-pixel: Gaussians narrower than this do not reach the one after next
+_RADII_PER_DECADE = 30  # where a term's share of the light is looked at, out to ten times the widest
 _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
 
 
@@ -173,7 +174,9 @@ def narrow_error(mixture: GaussianMixture, tolerance: Tolerance, nearest: float,
     """
     if mixture.weight.size == 0:
         return np.zeros(0)
-    r = np.append(nearest, nearest + np.sqrt(mixture.variance.min()) * np.geomspace(0.1, 1e3, 120))
+    width = np.sqrt(mixture.variance)
+    decades = np.arange(-1.0, 1.0 + math.log10(width.max() / width.min()), 1.0 / _RADII_PER_DECADE)
+    r = np.append(nearest, nearest + width.min() * 10.0**decades)
     part = shares(mixture, r).max(axis=0)
     with np.errstate(divide="ignore", over="ignore"):  # what is allowed any error at all
         inside = 0.1 * tolerance.ee / (mixture.weight.size * np.abs(mixture.weight) * max(brightest, 1e-300))
