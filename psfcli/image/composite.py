@@ -41,6 +41,7 @@ Index = NDArray[np.intp]
 
 _LEVEL = 2.6  # successive blocks of cells shrink by this factor
 _LOCAL = 0.125  # of a sub-pixel: Gaussians narrower than this do not reach the one after next
+_LEAST_WEIGHT = 1e-300
 _RADII_PER_DECADE = 30  # where a term's share of the light is looked at, out to ten times the widest
 _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
 
@@ -96,20 +97,37 @@ def composite_images(
     """
     orders = [moment_orders(point, halo.mixture, tolerance) for point in points]
     windows = [_touched_window(point, detector) for point in points]
-    unblurred = [halo.unscattered_weight + float(halo.mixture.weight[order < 0].sum()) for order in orders]
+    allowed = [
+        _unscattered_error(halo, float(halo.mixture.weight[order < 0].sum()), window, tolerance)
+        for order, window in zip(orders, windows, strict=True)
+    ]
     lit = [n for n, (rows, columns) in enumerate(windows) if rows.stop > rows.start and columns.stop > columns.start]
-    lit = [n for n in lit if unblurred[n] > 0.0]
+    lit = [n for n in lit if allowed[n] < math.inf]
     found = unscattered_in_windows(
         [points[n] for n in lit],
         detector.edges(0),
         detector.edges(1),
         [windows[n] for n in lit],
-        np.array([0.3 * tolerance.ee / unblurred[n] for n in lit]),
+        np.array([allowed[n] for n in lit]),
     )
     unscattered = dict(zip(lit, found, strict=True))
     for n, (point, order, window) in enumerate(zip(points, orders, windows, strict=True)):
         dark = np.zeros([max(part.stop - part.start, 0) for part in window]), 0.0
         yield _composite_image(point, order, window, *unscattered.pop(n, dark), halo, detector, tolerance)
+
+
+def _unscattered_error(halo: Halo, narrow: float, window: Window, tolerance: Tolerance) -> float:
+    """What PSF_G may err by in each sub-pixel of a ``window``; infinite where nothing is to be seen of it.
+
+    It comes with the unscattered weight, and with what of ``narrow``, the weight of all Gaussians that moments do not
+    blur, cannot be told from no blur: by ``narrow_error`` that sends the brightest sub-pixel no more than a tenth of
+    ``tolerance.ee``, and so errs by less where sub-pixels of mean light are told from dark ones.
+    """
+    weight, share = halo.unscattered_weight, 0.3 * tolerance.ee
+    if weight + narrow == 0.0:
+        return math.inf
+    cells = math.prod(max(part.stop - part.start, 1) for part in window)
+    return max(share / (weight + narrow), min(share / max(weight, _LEAST_WEIGHT), 1.0 / cells))
 
 
 def _touched_window(point: GeometricalImage, detector: Detector) -> Window:
