@@ -109,7 +109,8 @@ def _over_azimuths(
             """The light in some boxes of fans of the groups that these cut."""
             return light(*fans(azimuth, cut[group]), inner, half_width[boxes])
 
-        seen = np.maximum(tolerance / whole, _FOLD * smooth / np.array([each.farthest for each in about]))
+        extent = np.maximum([each.farthest for each in about], max(smooth, np.finfo(np.float64).tiny))
+        seen = np.maximum(tolerance / whole, _FOLD * smooth / extent)
         left, right, group = _slices_about(fans, inner, start, stop, seen)
         # boxes share fans, and each brings its kinks to the others: as many for any points that come together
         for first in range(0, int(some.max()), _BOXES_TOGETHER):

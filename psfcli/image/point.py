@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.cells import scattered_in_cells
-from psfcli.image.composite import CompositeImage, composite_images, narrow_error
+from psfcli.image.composite import CompositeImage, composite_images
 from psfcli.image.ensquared import ensquared_energy, unaberrated_energy
 from psfcli.image.geometric import GeometricalImage, geometrical_image
 from psfcli.image.grid import Detector
+from psfcli.image.narrow_cells import narrow_error
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
 from psfcli.image.result import EnsquaredEnergy, FieldImage
 from psfcli.image.scatter import Halo, scattered_light
