@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blur import normal_probability
+from psfcli.image.blur import FEW_TERMS, normal_probability
 from psfcli.image.crossings import Branches, cubic, root_between, stretches
 from psfcli.image.quadrature import gauss_legendre
+from psfcli.surface.mixture import GaussianMixture
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -23,17 +24,23 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class BlurredEdge:
-    """How far the blur of an edge is followed, in ``widths`` of the Gaussian on either side, and Gauss's ``nodes``
+    """How far the blur of an edge is followed, in ``widths`` of the Gaussian on either side, Gauss's ``nodes`` across
 
-    across it.
+    it, and how many ``terms`` stand for all Gaussians of a mixture.
     """
 
     widths: float
     nodes: int
+    terms: int
 
 
-EDGE = BlurredEdge(5.0, 20)  # light good to 1e-7 of the whole
-STRICT_EDGE = BlurredEdge(6.0, 28)  # to 1e-9
+_EDGE = BlurredEdge(5.0, 20, FEW_TERMS)  # light good to 1e-7 of the whole
+_STRICT_EDGE = BlurredEdge(6.0, 28, 12)  # to 1e-9
+
+
+def blurred_edge(tolerance: Real, mixture: GaussianMixture) -> BlurredEdge:
+    """What the light of a ``mixture`` takes to be within the least ``tolerance``, of all light."""
+    return _STRICT_EDGE if np.any(tolerance < 1e-6 * mixture.weight.sum()) else _EDGE
 
 
 def blurred_light_in_squares(

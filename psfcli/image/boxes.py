@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blurred import EDGE, STRICT_EDGE, blurred_light_in_squares
+from psfcli.image.blurred import blurred_edge, blurred_light_in_squares
 from psfcli.image.crossings import light_in_squares
 from psfcli.image.geometric import GeometricalImage, along_fans
 from psfcli.image.quadrature import integrate_adaptively
@@ -57,7 +57,7 @@ def blurred_in_boxes(
     Within ``tolerance`` (centre,), of all light.
     """
     widths, whole = np.sqrt(mixture.variance), float(mixture.weight.sum())
-    edge = STRICT_EDGE if np.any(tolerance < 1e-6 * whole) else EDGE
+    edge = blurred_edge(tolerance, mixture)
 
     def light(fans_x: Real, fans_y: Real, inner: float, half_width: Real) -> Real:
         total = np.zeros((fans_x.shape[1], half_width.size))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.blur import FEW_TERMS, TAIL, fewer_terms, normal_probability, ray_spacing
+from psfcli.image.blurred import blurred_edge
 from psfcli.image.boxes import blurred_in_boxes
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.patches import MOST_RAYS, ray_count
@@ -21,8 +22,9 @@ from psfcli.surface.mixture import GaussianMixture
 
 Real = NDArray[np.float64]
 
-# seconds, on any machine only in proportion: of a ray laid on a grid, and of one Gaussian in one box at tolerance 1
-_RAY_COST, _FAN_COST = 1.5e-6, 1.5e-5
+# seconds, on any machine only in proportion: of a ray laid on a grid, and of one Gaussian in one box at tolerance 1,
+# which grows as Simpson's rule makes it
+_RAY_COST, _FAN_COST, _FAN_GROWTH = 1.5e-6, 1.5e-4, -0.25
 _LEAST = 1e-13  # of all light: no fan knows it better
 _AT_ONCE = 1 << 17  # nodes of the grid, each for a box about a centre: what is computed together
 
@@ -59,15 +61,14 @@ def narrow_in_squares(
     weight, variance, spacing, reached = weight[seen], variance[seen], spacing[seen], reached[seen]
     extent = math.hypot(spot.x_max - spot.x_min, spot.y_max - spot.y_min)
     boxes = 1 + int(np.count_nonzero((half_width < extent) & (half_width > 0.01 * extent)))
-    by_fans = _fewest(
-        ray_count(point, window).at(spacing), boxes * np.sqrt(np.cumsum(np.abs(weight))) * (reached @ tolerance**-0.5)
-    )
+    fans = boxes * np.cumsum(np.abs(weight)) ** -_FAN_GROWTH * (reached @ tolerance**_FAN_GROWTH)
+    by_fans = _fewest(ray_count(point, window).at(spacing), fans)
     if by_fans:
         some = np.flatnonzero(reached[by_fans - 1]).tolist()
-        narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]))
-        energy[some] += blurred_in_boxes(
-            point, [centres[n] for n in some], half_width, np.maximum(tolerance[some], _LEAST), narrowest
-        )
+        enough = np.maximum(tolerance[some], _LEAST)
+        narrowest = GaussianMixture(weight[:by_fans], variance[:by_fans])
+        narrowest = fewer_terms(narrowest, blurred_edge(enough, narrowest).terms)
+        energy[some] += blurred_in_boxes(point, [centres[n] for n in some], half_width, enough, narrowest)
     wider = GaussianMixture(weight[by_fans:], variance[by_fans:])
     for grid in spot_grids(point, wider, spacing[by_fans:], window):
         energy += _by_grid(grid, centres, half_width)
@@ -75,9 +76,13 @@ def narrow_in_squares(
 
 
 def _fewest(rays: Real, fans: Real) -> int:
-    """How many of the narrowest terms are cheaper along fans; ``fans`` is the cost of one term, given the last."""
+    """How many of the narrowest terms are cheaper along fans; ``fans`` is the cost of one term, given the last.
+
+    Like widths share a grid: it takes as many rays as the one that asks for most.
+    """
     along = _FAN_COST * np.append(0.0, fans) * np.minimum(np.arange(rays.size + 1), FEW_TERMS)
-    grid = _RAY_COST * np.append(np.where(rays > MOST_RAYS, np.inf, rays), 0.0)
+    most = np.maximum.accumulate(rays[::-1])[::-1]
+    grid = _RAY_COST * np.append(np.where(most > MOST_RAYS, np.inf, most), 0.0)
     return int(np.argmin(along + grid))
 
 
