@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blur import FEW_TERMS, TAIL, fewer_terms, normal_probability, ray_spacing
-from psfcli.image.blurred import blurred_edge
+from psfcli.image.blur import TAIL, fewer_terms, normal_probability, ray_spacing
+from psfcli.image.blurred import terms_for
 from psfcli.image.boxes import blurred_in_boxes
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.patches import MOST_RAYS, ray_count
@@ -40,12 +40,14 @@ def narrow_in_squares(
     """PSF_G blurred by the ``mixture`` in squares of increasing ``half_width`` about the ``centres``: [centre, box].
 
     Each term, by increasing variance, within its relative ``error`` on a grid, or all that follow fans within
-    ``tolerance`` (centre,) of all light. Terms that may err by as much as they hold are given to the next wider one.
+    ``tolerance`` (centre,) of all light. Terms that may err by as much as they hold are given to the next narrower one,
+    which reaches no farther; the narrowest of them to the heaviest among them.
     """
     strict = error < 1.0
-    if not strict.any():
-        strict[-1] = True
-    owner = np.minimum(np.searchsorted(np.flatnonzero(strict), np.arange(error.size)), np.count_nonzero(strict) - 1)
+    free = int(np.argmax(np.append(strict, True)))
+    if free:
+        strict[np.argmax(np.abs(mixture.weight[:free]))] = True
+    owner = np.maximum(np.cumsum(strict) - 1, 0)
     weight, variance = np.bincount(owner, mixture.weight).astype(np.float64), mixture.variance[strict]
     width = np.sqrt(variance)
     spacing = ray_spacing(width, error[strict])
@@ -62,12 +64,12 @@ def narrow_in_squares(
     extent = math.hypot(spot.x_max - spot.x_min, spot.y_max - spot.y_min)
     boxes = 1 + int(np.count_nonzero((half_width < extent) & (half_width > 0.01 * extent)))
     fans = boxes * np.cumsum(np.abs(weight)) ** -_FAN_GROWTH * (reached @ tolerance**_FAN_GROWTH)
-    by_fans = _fewest(ray_count(point, window).at(spacing), fans)
+    terms = terms_for(np.maximum(tolerance, _LEAST), GaussianMixture(weight, variance))
+    by_fans = _fewest(ray_count(point, window).at(spacing), fans, terms)
     if by_fans:
         some = np.flatnonzero(reached[by_fans - 1]).tolist()
         enough = np.maximum(tolerance[some], _LEAST)
-        narrowest = GaussianMixture(weight[:by_fans], variance[:by_fans])
-        narrowest = fewer_terms(narrowest, blurred_edge(enough, narrowest).terms)
+        narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]), terms)
         energy[some] += blurred_in_boxes(point, [centres[n] for n in some], half_width, enough, narrowest)
     wider = GaussianMixture(weight[by_fans:], variance[by_fans:])
     for grid in spot_grids(point, wider, spacing[by_fans:], window):
@@ -75,12 +77,12 @@ def narrow_in_squares(
     return energy
 
 
-def _fewest(rays: Real, fans: Real) -> int:
+def _fewest(rays: Real, fans: Real, terms: int) -> int:
     """How many of the narrowest terms are cheaper along fans; ``fans`` is the cost of one term, given the last.
 
-    Like widths share a grid: it takes as many rays as the one that asks for most.
+    No more than ``terms`` go along fans. Like widths share a grid: it takes as many rays as the one that asks for most.
     """
-    along = _FAN_COST * np.append(0.0, fans) * np.minimum(np.arange(rays.size + 1), FEW_TERMS)
+    along = _FAN_COST * np.append(0.0, fans) * np.minimum(np.arange(rays.size + 1), terms)
     most = np.maximum.accumulate(rays[::-1])[::-1]
     grid = _RAY_COST * np.append(np.where(most > MOST_RAYS, np.inf, most), 0.0)
     return int(np.argmin(along + grid))

@@ -68,7 +68,7 @@ def add_narrow(
     mixture = halo.mixture
     brightest = 9.0 * float(unscattered.max(initial=0.0)) * max(1, 4 * (detector.oversample - 1))
     brightest = min(max(brightest, _on_border(unscattered, *window, detector.sub_pixels)), 1.0)
-    free = detector.sub_pixel if halo.unscattered_weight > 0.0 else 0.0
+    free = nearest_dark(point, detector) if halo.unscattered_weight > 0.0 else 0.0
     allowed = narrow_error(mixture, tolerance, free, brightest)
     strict = narrow & (allowed < 1.0)
     # what is much narrower than a sub-pixel blurs its edges alone
@@ -98,6 +98,17 @@ def add_narrow(
         error=error,
         unresolved=float(np.max(part * aliases - _SHARE * tolerance.pixel, initial=0.0)),
     )
+
+
+def nearest_dark(point: GeometricalImage, detector: Detector) -> float:
+    """How near [mm] rays come to sub-pixels that neither they nor their neighbours touch: one sub-pixel, or less where
+
+    all rays miss the window, and nothing in it is touched.
+    """
+    x_start, x_stop, y_start, y_stop = detector.bounds()
+    spot = point.spot
+    gap = max(x_start - spot.x_max, spot.x_min - x_stop, y_start - spot.y_max, spot.y_min - y_stop)
+    return min(detector.sub_pixel, gap) if gap > 0.0 else detector.sub_pixel
 
 
 def narrow_error(mixture: GaussianMixture, tolerance: Tolerance, nearest: float, brightest: float) -> Real:

@@ -14,7 +14,7 @@ from psfcli.image.composite import CompositeImage, composite_images
 from psfcli.image.ensquared import ensquared_energy, unaberrated_energy
 from psfcli.image.geometric import GeometricalImage, geometrical_image
 from psfcli.image.grid import Detector
-from psfcli.image.narrow_cells import narrow_error
+from psfcli.image.narrow_cells import narrow_error, nearest_dark
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
 from psfcli.image.result import EnsquaredEnergy, FieldImage
 from psfcli.image.scatter import Halo, scattered_light
@@ -207,7 +207,7 @@ def _probed_error(
         centre_y,
         width,
         asked,
-        narrow_error(mixture, asked, detector.sub_pixel, brightest),
+        narrow_error(mixture, asked, nearest_dark(point, detector), brightest),
         allowance / _REFINEMENT,
     )
     with np.errstate(divide="ignore", invalid="ignore"):
