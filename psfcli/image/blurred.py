@@ -8,14 +8,16 @@ does not grow as the Gaussian narrows.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blur import normal_probability
+from psfcli.image.blur import FEW_TERMS, normal_probability
 from psfcli.image.crossings import Branches, cubic, root_between, stretches
 from psfcli.image.quadrature import gauss_legendre
+from psfcli.surface.mixture import GaussianMixture
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -23,7 +25,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class BlurredEdge:
-    """How far the blur of an edge is followed, in ``widths`` of the Gaussian on either side, and Gauss's ``nodes``
+    """How far the blur of an edge is followed, in ``widths`` of the Gaussian on either side, Gauss's ``nodes``
 
     across it.
     """
@@ -32,8 +34,23 @@ class BlurredEdge:
     nodes: int
 
 
-EDGE = BlurredEdge(5.0, 20)  # light good to 1e-7 of the whole
-STRICT_EDGE = BlurredEdge(6.0, 28)  # to 1e-9
+_EDGE = BlurredEdge(5.0, 20)  # light good to 1e-7 of the whole
+_STRICT_EDGE = BlurredEdge(6.0, 28)  # to 1e-9
+_TERMS_PER_DIGIT = 2.0
+
+
+def blurred_edge(tolerance: Real, mixture: GaussianMixture) -> BlurredEdge:
+    """What the light of a ``mixture`` takes to be within the least ``tolerance``, of all light."""
+    return _STRICT_EDGE if np.any(tolerance < 1e-6 * mixture.weight.sum()) else _EDGE
+
+
+def terms_for(tolerance: Real, mixture: GaussianMixture) -> int:
+    """How many Gaussians stand for all of a ``mixture`` within the least ``tolerance``, of all light.
+
+    Measured: Gauss's rule in the width gains half a digit by each, for widths from the spot's down to a hundredth.
+    """
+    digits = math.log10(max(float(mixture.weight.sum() / tolerance.min()), 1.0))
+    return max(FEW_TERMS, math.ceil(_TERMS_PER_DIGIT * digits))
 
 
 def blurred_light_in_squares(

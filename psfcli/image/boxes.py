@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blurred import EDGE, STRICT_EDGE, blurred_light_in_squares
+from psfcli.image.blurred import blurred_edge, blurred_light_in_squares
 from psfcli.image.crossings import light_in_squares
 from psfcli.image.geometric import GeometricalImage, along_fans
 from psfcli.image.quadrature import integrate_adaptively
@@ -27,6 +27,7 @@ Index = NDArray[np.intp]
 _MOST_FIRST_SLICES = 10_000
 _MOST_SEEN_AT_ONCE = 300_000  # first slices of all groups: half a gigabyte
 _BOXES_TOGETHER = 24
+_FOLD = 0.05  # of blur over spot: what light a fold holds that just touches an edge blurred as much
 
 
 def unscattered_in_boxes(
@@ -56,7 +57,7 @@ def blurred_in_boxes(
     Within ``tolerance`` (centre,), of all light.
     """
     widths, whole = np.sqrt(mixture.variance), float(mixture.weight.sum())
-    edge = STRICT_EDGE if np.any(tolerance < 1e-6 * whole) else EDGE
+    edge = blurred_edge(tolerance, mixture)
 
     def light(fans_x: Real, fans_y: Real, inner: float, half_width: Real) -> Real:
         total = np.zeros((fans_x.shape[1], half_width.size))
@@ -64,8 +65,8 @@ def blurred_in_boxes(
             total += weight * blurred_light_in_squares(fans_x, fans_y, inner, half_width, float(width), edge)
         return total
 
-    margin = edge.widths * float(widths.max())
-    ((inside, _),) = _over_azimuths([point], [centres], half_width, tolerance, light, margin, whole)
+    blur = float(widths.min()), edge.widths * float(widths.max())
+    ((inside, _),) = _over_azimuths([point], [centres], half_width, tolerance, light, blur, whole)
     return inside
 
 
@@ -75,14 +76,15 @@ def _over_azimuths(
     half_width: Real,
     tolerance: Real,
     light: Callable[[Real, Real, float, Real], Real],
-    margin: float = 0.0,
+    blur: tuple[float, float] = (0.0, 0.0),
     whole: float = 1.0,
 ) -> list[tuple[Real, float]]:
     """The mean over lit azimuths of the ``light`` of fans (x, y, inner, half_width) -> (azimuths, boxes).
 
-    Within ``tolerance`` for each centre of each point.
-    Squares that reach ``margin`` [mm] beyond the spot hold the ``whole``.
+    Within ``tolerance`` for each centre of each point. The light varies over no less than the first ``blur`` [mm] of
+    the image; squares that reach the second beyond the spot hold the ``whole``.
     """
+    smooth, margin = blur
     about = [_About.of(point, centre) for point, some in zip(points, centres, strict=True) for centre in some]
     some = np.searchsorted(half_width, np.array([each.farthest for each in about]) + margin)  # that do not hold all
     inside = np.full((len(about), half_width.size), whole)
@@ -107,7 +109,9 @@ def _over_azimuths(
             """The light in some boxes of fans of the groups that these cut."""
             return light(*fans(azimuth, cut[group]), inner, half_width[boxes])
 
-        left, right, group = _slices_about(fans, inner, start, stop, tolerance / whole)
+        extent = np.maximum([each.farthest for each in about], max(smooth, np.finfo(np.float64).tiny))
+        seen = np.maximum(tolerance / whole, _FOLD * smooth / extent)
+        left, right, group = _slices_about(fans, inner, start, stop, seen)
         # boxes share fans, and each brings its kinks to the others: as many for any points that come together
         for first in range(0, int(some.max()), _BOXES_TOGETHER):
             boxes, cut = slice(first, first + _BOXES_TOGETHER), np.flatnonzero(some > first)

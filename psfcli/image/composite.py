@@ -13,26 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blur import (
-    FEW_TERMS,
-    FEWER_TERMS,
-    TAIL,
-    fewer_terms,
-    interval_integrals,
-    moment_orders,
-    moments_to,
-    normal_probability,
-    ray_error,
-    ray_spacing,
-    shares,
-)
+from psfcli.image.blur import interval_integrals, moment_orders, moments_to
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.grid import Detector
-from psfcli.image.patches import ray_count
+from psfcli.image.narrow_cells import Window, add_narrow, cells_between
 from psfcli.image.result import Spot
 from psfcli.image.scatter import Halo
-from psfcli.image.spot_grid import SpotGrid, spot_grids
-from psfcli.image.unscattered import Window, unscattered_in_windows
+from psfcli.image.unscattered import unscattered_in_windows
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.tolerance import Tolerance
 
@@ -40,7 +27,7 @@ Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _LEVEL = 2.6  # successive blocks of cells shrink by this factor
-_LOCAL = 0.125  # of a sub-pixel: Gaussians narrower than this do not reach the one after next
+_LEAST_WEIGHT = 1e-300
 _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
 
 
@@ -48,9 +35,9 @@ _SMALLEST_BLOCK = 24  # cells: smaller blocks cost more in calls than they save
 class CompositeImage:
     """``light`` in each sub-pixel as a fraction of all, shape (y, x).
 
-    ``unscattered``, PSF_G in the sub-pixels of ``rows`` and ``columns``, and the estimated ``error`` of it in the worst
-    sub-pixel, as a fraction of all light. ``unresolved``: the relative error of pixels from Gaussians so narrow that
-    the spot would take more rays than are taken.
+    ``unscattered``, PSF_G in the sub-pixels of ``rows`` and ``columns``, and the estimated ``error`` of it and of
+    Gaussians too narrow for moments in the worst sub-pixel, as a fraction of all light. ``unresolved``: the relative
+    error of dark pixels from Gaussians so narrow that the spot would take more rays than are taken.
     """
 
     light: Real
@@ -95,15 +82,18 @@ def composite_images(
     """
     orders = [moment_orders(point, halo.mixture, tolerance) for point in points]
     windows = [_touched_window(point, detector) for point in points]
-    unblurred = [halo.unscattered_weight + float(halo.mixture.weight[order < 0].sum()) for order in orders]
+    allowed = [
+        _unscattered_error(halo, float(halo.mixture.weight[order < 0].sum()), window, tolerance)
+        for order, window in zip(orders, windows, strict=True)
+    ]
     lit = [n for n, (rows, columns) in enumerate(windows) if rows.stop > rows.start and columns.stop > columns.start]
-    lit = [n for n in lit if unblurred[n] > 0.0]
+    lit = [n for n in lit if allowed[n] < math.inf]
     found = unscattered_in_windows(
         [points[n] for n in lit],
         detector.edges(0),
         detector.edges(1),
         [windows[n] for n in lit],
-        np.array([0.3 * tolerance.ee / unblurred[n] for n in lit]),
+        np.array([allowed[n] for n in lit]),
     )
     unscattered = dict(zip(lit, found, strict=True))
     for n, (point, order, window) in enumerate(zip(points, orders, windows, strict=True)):
@@ -111,10 +101,25 @@ def composite_images(
         yield _composite_image(point, order, window, *unscattered.pop(n, dark), halo, detector, tolerance)
 
 
+def _unscattered_error(halo: Halo, narrow: float, window: Window, tolerance: Tolerance) -> float:
+    """What PSF_G may err by in each sub-pixel of a ``window``; infinite where nothing is to be seen of it.
+
+    It comes with the unscattered weight, and with what of ``narrow``, the weight of all Gaussians that moments do not
+    blur, cannot be told from no blur: by ``narrow_error`` that sends the brightest sub-pixel no more than a tenth of
+    ``tolerance.ee``, and so errs by less where sub-pixels of mean light are told from dark ones.
+    """
+    weight, share = halo.unscattered_weight, 0.3 * tolerance.ee
+    if weight + narrow == 0.0:
+        return math.inf
+    cells = math.prod(max(part.stop - part.start, 1) for part in window)
+    return max(share / (weight + narrow), min(share / max(weight, _LEAST_WEIGHT), 1.0 / cells))
+
+
 def _touched_window(point: GeometricalImage, detector: Detector) -> Window:
     """The sub-pixels that unscattered light touches, and one more on either side."""
     spot = point.spot
-    return _span(detector.edges(1), spot.y_min, spot.y_max), _span(detector.edges(0), spot.x_min, spot.x_max)
+    rows = cells_between(detector.edges(1), spot.y_min, spot.y_max)
+    return rows, cells_between(detector.edges(0), spot.x_min, spot.x_max)
 
 
 def _composite_image(
@@ -122,74 +127,23 @@ def _composite_image(
     order: Index,
     window: Window,
     unscattered: Real,
-    error: float,
+    doubt: float,
     halo: Halo,
     detector: Detector,
     tolerance: Tolerance,
 ) -> CompositeImage:
-    """The image of one point, whose light in the ``window`` without scatter is known with its ``error``."""
+    """The image of one point, whose light in the ``window`` without scatter is known but for a ``doubt``."""
     edges_x, edges_y = detector.edges(0), detector.edges(1)
-    (rows, columns), mixture, weight = window, halo.mixture, halo.unscattered_weight
-    narrow = order < 0
+    (rows, columns), weight = window, halo.unscattered_weight
     light = np.zeros((detector.sub_pixels, detector.sub_pixels))
-    unresolved = 0.0
-    if mixture.weight.size:
-        _add_by_moments(light, edges_x, edges_y, mixture, point, order, tolerance)
-    if narrow.any():
-        brightest = 9.0 * float(unscattered.max(initial=0.0)) * max(1, 4 * (detector.oversample - 1))
-        brightest = min(max(brightest, _on_border(unscattered, rows, columns, detector.sub_pixels)), 1.0)
-        free = detector.sub_pixel if weight > 0.0 else 0.0
-        allowed = narrow_error(mixture, tolerance, free, brightest)
-        strict = narrow & (allowed < 1.0)
-        weight += float(mixture.weight[narrow & ~strict].sum())
-        # what is much narrower than a sub-pixel blurs its edges alone
-        local = strict & (mixture.variance < (_LOCAL * free) ** 2)
-        bounds = detector.bounds()
-        closest = ray_count(point, bounds).closest()
-        rest = mixture.only(strict & ~local)
-        for count in (FEW_TERMS, FEWER_TERMS):
-            few = fewer_terms(mixture.only(local), count)
-            blurring = GaussianMixture(np.append(few.weight, rest.weight), np.append(few.variance, rest.variance))
-            errors = np.append(narrow_error(few, tolerance, math.inf, brightest), allowed[strict & ~local])
-            width = np.sqrt(blurring.variance)
-            spacing = ray_spacing(width, errors)
-            if np.all(spacing >= closest):
-                break
-        spacing = np.maximum(spacing, closest)
-        # a tenth of the tolerance is what each may err by
-        unresolved = 0.1 * tolerance.pixel * float(np.max(ray_error(width, spacing) / errors - 1.0, initial=0.0))
-        for grid in spot_grids(point, blurring, spacing, bounds):
-            _add_by_grid(light, edges_x, edges_y, grid)
+    error = unresolved = 0.0
+    if halo.mixture.weight.size:
+        _add_by_moments(light, edges_x, edges_y, halo.mixture, point, order, tolerance)
+    if np.any(order < 0):
+        narrow = add_narrow(light, point, halo, order < 0, unscattered, window, detector, tolerance)
+        weight, error, unresolved = weight + narrow.joined, narrow.error, narrow.unresolved
     light[rows, columns] += weight * unscattered
-    return CompositeImage(light, unscattered, rows, columns, weight * error, unresolved)
-
-
-def narrow_error(mixture: GaussianMixture, tolerance: Tolerance, nearest: float, brightest: float) -> Real:
-    """The relative error that each term of a ``mixture`` may have in pixels, shape (term,).
-
-    Where unscattered light touches, and of all light no more than ``brightest`` falls on a pixel with its neighbours,
-    the allowance is absolute; rays are ``nearest`` [mm] or farther from all other pixels, where it is relative to all
-    the light that the mixture sends there.
-    """
-    if mixture.weight.size == 0:
-        return np.zeros(0)
-    r = np.append(nearest, nearest + np.sqrt(mixture.variance.min()) * np.geomspace(0.1, 1e3, 120))
-    part = shares(mixture, r).max(axis=0)
-    with np.errstate(divide="ignore", over="ignore"):  # what is allowed any error at all
-        inside = 0.1 * tolerance.ee / (mixture.weight.size * np.abs(mixture.weight) * max(brightest, 1e-300))
-        allowed: Real = np.minimum(inside, 0.1 * tolerance.pixel / part)
-    return allowed
-
-
-def _on_border(unscattered: Real, rows: slice, columns: slice, sub_pixels: int) -> float:
-    """What of PSF_G lies within two sub-pixels of the window's edge, on either side: what blur may take across it."""
-    border = np.ones(unscattered.shape, dtype=bool)
-    inner = (
-        slice(max(2 - rows.start, 0), max(sub_pixels - 2 - rows.start, 0)),
-        slice(max(2 - columns.start, 0), max(sub_pixels - 2 - columns.start, 0)),
-    )
-    border[inner] = False
-    return 2.0 * float(unscattered.sum(where=border))
+    return CompositeImage(light, unscattered, rows, columns, weight * doubt + error, unresolved)
 
 
 def _add_by_moments(
@@ -210,8 +164,8 @@ def _add_by_moments(
     for this in np.unique(level[order >= 0]):
         members = (level == this) & (order >= 0)
         reach = float(radius[members].max()) if this > 0.0 else math.inf
-        rows = _span(edges_y, centre_y - reach, centre_y + reach)
-        columns = _span(edges_x, centre_x - reach, centre_x + reach)
+        rows = cells_between(edges_y, centre_y - reach, centre_y + reach)
+        columns = cells_between(edges_x, centre_x - reach, centre_x + reach)
         left, right = _factors(
             edges_y[rows.start : rows.stop + 1] - centre_y,
             edges_x[columns.start : columns.stop + 1] - centre_x,
@@ -255,24 +209,3 @@ def _radius_of_influence(mixture: GaussianMixture, spot: Spot, tolerance: Tolera
     seen = light > 0.01 * tolerance.pixel / mixture.weight.size * farther[:, None]
     last = r.size - 1 - seen[::-1].argmax(axis=0)
     return extent + r[np.minimum(last + 1, r.size - 1)]
-
-
-def _add_by_grid(image: Real, edges_x: Real, edges_y: Real, grid: SpotGrid) -> None:
-    for weight, variance in zip(grid.mixture.weight, grid.mixture.variance, strict=True):
-        margin, width = TAIL * math.sqrt(variance), math.sqrt(variance - grid.tau2)
-        rows = _span(edges_y, grid.y[0] - margin, grid.y[-1] + margin)
-        columns = _span(edges_x, grid.x[0] - margin, grid.x[-1] + margin)
-        if rows.stop <= rows.start or columns.stop <= columns.start:
-            continue
-        y = (edges_y[rows.start : rows.stop + 1, None] - grid.y) / width
-        x = (edges_x[columns.start : columns.stop + 1, None] - grid.x) / width
-        left = weight * normal_probability(y[:-1], y[1:]) @ grid.mass
-        image[rows, columns] += left @ normal_probability(x[:-1], x[1:]).T
-
-
-def _span(edges: Real, low: float, high: float) -> slice:
-    """The cells that the interval from ``low`` to ``high`` touches, and one more on either side."""
-    first = int(np.searchsorted(edges, low, side="right")) - 2
-    last = int(np.searchsorted(edges, high, side="left")) + 1
-    cells = edges.size - 1
-    return slice(min(max(first, 0), cells), max(min(last, cells), 0))

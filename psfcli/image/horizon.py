@@ -122,7 +122,8 @@ def _clipped_power(
     exponents = np.array(
         [transfer_exponent(wavelength * d * q, s, wavelength) for s, d in zip(surfaces, distance, strict=True)]
     )
-    excess = np.exp(exponents.sum(axis=0)) - np.exp(np.minimum(exponents, 0.0).sum(axis=0))
+    # unclipped - clipped, to full relative accuracy however little lies beyond the horizons
+    excess = np.exp(np.minimum(exponents, 0.0).sum(axis=0)) * np.expm1(np.maximum(exponents, 0.0).sum(axis=0))
     return q, 2.0 * math.pi * q * excess * dq
 
 

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from psfcli.image.blur import FEW_TERMS, TAIL, fewer_terms, normal_probability, ray_spacing
+from psfcli.image.blur import TAIL, fewer_terms, normal_probability, ray_spacing
+from psfcli.image.blurred import terms_for
 from psfcli.image.boxes import blurred_in_boxes
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.patches import MOST_RAYS, ray_count
@@ -21,8 +22,9 @@ from psfcli.surface.mixture import GaussianMixture
 
 Real = NDArray[np.float64]
 
-# seconds, on any machine only in proportion: of a ray laid on a grid, and of one Gaussian in one box at tolerance 1
-_RAY_COST, _FAN_COST = 1.5e-6, 1.5e-5
+# seconds, on any machine only in proportion: of a ray laid on a grid, and of one Gaussian in one box at tolerance 1,
+# which grows as Simpson's rule makes it
+_RAY_COST, _FAN_COST, _FAN_GROWTH = 1.5e-6, 1.5e-4, -0.25
 _LEAST = 1e-13  # of all light: no fan knows it better
 _AT_ONCE = 1 << 17  # nodes of the grid, each for a box about a centre: what is computed together
 
@@ -38,12 +40,14 @@ def narrow_in_squares(
     """PSF_G blurred by the ``mixture`` in squares of increasing ``half_width`` about the ``centres``: [centre, box].
 
     Each term, by increasing variance, within its relative ``error`` on a grid, or all that follow fans within
-    ``tolerance`` (centre,) of all light. Terms that may err by as much as they hold are given to the next wider one.
+    ``tolerance`` (centre,) of all light. Terms that may err by as much as they hold are given to the next narrower one,
+    which reaches no farther; the narrowest of them to the heaviest among them.
     """
     strict = error < 1.0
-    if not strict.any():
-        strict[-1] = True
-    owner = np.minimum(np.searchsorted(np.flatnonzero(strict), np.arange(error.size)), np.count_nonzero(strict) - 1)
+    free = int(np.argmax(np.append(strict, True)))
+    if free:
+        strict[np.argmax(np.abs(mixture.weight[:free]))] = True
+    owner = np.maximum(np.cumsum(strict) - 1, 0)
     weight, variance = np.bincount(owner, mixture.weight).astype(np.float64), mixture.variance[strict]
     width = np.sqrt(variance)
     spacing = ray_spacing(width, error[strict])
@@ -59,25 +63,28 @@ def narrow_in_squares(
     weight, variance, spacing, reached = weight[seen], variance[seen], spacing[seen], reached[seen]
     extent = math.hypot(spot.x_max - spot.x_min, spot.y_max - spot.y_min)
     boxes = 1 + int(np.count_nonzero((half_width < extent) & (half_width > 0.01 * extent)))
-    by_fans = _fewest(
-        ray_count(point, window).at(spacing), boxes * np.sqrt(np.cumsum(np.abs(weight))) * (reached @ tolerance**-0.5)
-    )
+    fans = boxes * np.cumsum(np.abs(weight)) ** -_FAN_GROWTH * (reached @ tolerance**_FAN_GROWTH)
+    terms = terms_for(np.maximum(tolerance, _LEAST), GaussianMixture(weight, variance))
+    by_fans = _fewest(ray_count(point, window).at(spacing), fans, terms)
     if by_fans:
         some = np.flatnonzero(reached[by_fans - 1]).tolist()
-        narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]))
-        energy[some] += blurred_in_boxes(
-            point, [centres[n] for n in some], half_width, np.maximum(tolerance[some], _LEAST), narrowest
-        )
+        enough = np.maximum(tolerance[some], _LEAST)
+        narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]), terms)
+        energy[some] += blurred_in_boxes(point, [centres[n] for n in some], half_width, enough, narrowest)
     wider = GaussianMixture(weight[by_fans:], variance[by_fans:])
     for grid in spot_grids(point, wider, spacing[by_fans:], window):
         energy += _by_grid(grid, centres, half_width)
     return energy
 
 
-def _fewest(rays: Real, fans: Real) -> int:
-    """How many of the narrowest terms are cheaper along fans; ``fans`` is the cost of one term, given the last."""
-    along = _FAN_COST * np.append(0.0, fans) * np.minimum(np.arange(rays.size + 1), FEW_TERMS)
-    grid = _RAY_COST * np.append(np.where(rays > MOST_RAYS, np.inf, rays), 0.0)
+def _fewest(rays: Real, fans: Real, terms: int) -> int:
+    """How many of the narrowest terms are cheaper along fans; ``fans`` is the cost of one term, given the last.
+
+    No more than ``terms`` go along fans. Like widths share a grid: it takes as many rays as the one that asks for most.
+    """
+    along = _FAN_COST * np.append(0.0, fans) * np.minimum(np.arange(rays.size + 1), terms)
+    most = np.maximum.accumulate(rays[::-1])[::-1]
+    grid = _RAY_COST * np.append(np.where(most > MOST_RAYS, np.inf, most), 0.0)
     return int(np.argmin(along + grid))
 
 

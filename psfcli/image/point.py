@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psfcli.image.cells import scattered_in_cells
-from psfcli.image.composite import CompositeImage, composite_images, narrow_error
+from psfcli.image.composite import CompositeImage, composite_images
 from psfcli.image.ensquared import ensquared_energy, unaberrated_energy
 from psfcli.image.geometric import GeometricalImage, geometrical_images
 from psfcli.image.grid import Detector
+from psfcli.image.narrow_cells import narrow_error, nearest_dark
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
 from psfcli.image.result import EnsquaredEnergy, FieldImage
 from psfcli.image.scatter import Halo, scattered_light
@@ -26,6 +27,7 @@ Real = NDArray[np.float64]
 
 _REFINEMENT = 10.0  # the estimate comes from a second calculation asked to be this much finer
 _PROBE_STEPS = 6
+_DIRECTIONS = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)])
 _RADII = 240
 _JUDGED_BOXES = 10
 
@@ -169,21 +171,23 @@ def _finer(tolerance: Tolerance) -> Tolerance:
 def _probed_error(
     image: CompositeImage, point: GeometricalImage, scatter: WavelengthScatter, detector: Detector, tolerance: Tolerance
 ) -> float:
-    """Largest relative error of the blur, beyond the allowance, at pixels and sub-pixels ever farther out.
+    """Largest relative error of the blur, beyond the allowance, at pixels and sub-pixels ever farther from the spot.
 
-    On axes and diagonals. What sub-pixels are allowed each may add up in a pixel.
+    In eight directions, to the very edges and corners. What sub-pixels are allowed each may add up in a pixel.
     """
     mixture = scatter.halo.mixture
     if mixture.weight.size == 0:
         return 0.0
-    direction = np.array([(0, 1), (1, 1), (1, 0), (-1, 0), (-1, -1)])  # (y, x); more of what symmetry would repeat
+    centroid = point.spot.centroid_y, point.spot.centroid_x
     asked, weight = _finer(tolerance), scatter.halo.unscattered_weight
     probes = []
     for oversample in {1, detector.oversample}:
         n, width = detector.sub_pixels // oversample, oversample * detector.sub_pixel
-        step = np.unique(np.geomspace(1.0, n // 2 + 1, _PROBE_STEPS).astype(np.intp)) - 1
-        place = np.clip(n // 2 + step[:, None, None] * direction, 0, n - 1).reshape(-1, 2)
-        y, x = np.unique(place, axis=0).T
+        under = (centroid - np.array([detector.start(1), detector.start(0)])) / width  # the pixel nearest the spot
+        nearest = np.clip(under, 0, n - 1).astype(np.intp)
+        room = np.where(_DIRECTIONS > 0, n - 1 - nearest, nearest)
+        step = np.geomspace(1.0, 1.0 + room, _PROBE_STEPS).astype(np.intp) - 1
+        y, x = np.unique((nearest + step * _DIRECTIONS).reshape(-1, 2), axis=0).T
         probes.append(
             (
                 detector.edges(0)[oversample * x] + 0.5 * width,
@@ -203,7 +207,7 @@ def _probed_error(
         centre_y,
         width,
         asked,
-        narrow_error(mixture, asked, detector.sub_pixel, brightest),
+        narrow_error(mixture, asked, nearest_dark(point, detector), brightest),
         allowance / _REFINEMENT,
     )
     with np.errstate(divide="ignore", invalid="ignore"):

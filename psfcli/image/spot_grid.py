@@ -31,7 +31,8 @@ _TAIL = 6.5  # tau: rays are laid no farther; 1e-10 of a Gaussian lies beyond
 class SpotGrid:
     """Point masses ``mass`` (y, x), adding to 1, at ``y`` and ``x`` [mm]; they stand for PSF_G in Gaussians of the
 
-    ``mixture`` once the variance ``tau2`` [mm^2] is taken from each.
+    ``mixture`` once the variance ``tau2`` [mm^2] is taken from each. Rays were ``spacing`` [mm] apart, and nodes are
+    ``step``.
     """
 
     x: Real
@@ -39,6 +40,18 @@ class SpotGrid:
     mass: Real
     tau2: float
     mixture: GaussianMixture
+    spacing: float
+    step: float
+
+    def on_a_line(self, width: float) -> float:
+        """The most light on any line along x or y that is ``width`` [mm] wide, as a fraction of all light."""
+        nodes = math.ceil(width / self.step)
+        most = 0.0
+        for axis in (0, 1):
+            passed = np.append(0.0, np.cumsum(self.mass.sum(axis=axis)))
+            before = np.append(np.zeros(nodes), passed)[: passed.size]
+            most = max(most, float(np.max(passed - before)))
+        return most
 
 
 def spot_grids(
@@ -75,7 +88,7 @@ def _spot_grid(point: GeometricalImage, mixture: GaussianMixture, spacing: Real,
     mass *= step**2 / (2.0 * math.pi * tau2)
     if half:
         mass = 0.5 * (mass + mass[:, ::-1])
-    return SpotGrid(x, y, mass, tau2, mixture)
+    return SpotGrid(x, y, mass, tau2, mixture, float(spacing.min()), step)
 
 
 def _nodes(low: float, high: float, step: float, *, symmetric: bool) -> Real:
