@@ -220,6 +220,20 @@ def test_a_tiny_window_in_a_wide_spot_is_found_however_small():
     assert whole > 1e-8
 
 
+def test_a_tiny_window_is_found_where_light_crowds_along_a_line():
+    # a spot whose rays nearly agree along curves: counted on a grid about the rings that reach the window
+    system, half_width = judged(drawn(101, 10)), 2.4515111556995332e-05
+    p, phi = np.linspace(0.77, 0.80, 3001), np.linspace(-np.pi, np.pi, 6001)
+    rho = np.sqrt(0.5 * (p[1:] + p[:-1]))[:, None]
+    middle = 0.5 * (phi[1:] + phi[:-1])
+    x, y = ray_error(system, rho * np.cos(middle), rho * np.sin(middle))
+    counted = np.count_nonzero((np.abs(x) < half_width) & (np.abs(y) < half_width)) / x.size
+    share = counted * (p[-1] - p[0]) / (1.0 - system.obscuration**2)
+    found = specular_energy(system, -half_width, half_width, -half_width, half_width)
+    assert found == pytest.approx(share, rel=1e-2)
+    assert found == pytest.approx(8.2989e-6, rel=1e-5)
+
+
 def test_a_window_touched_by_a_single_ray_is_touched():
     image = Image(TruthSystem(1e-5, (), 0.1, 0.0, {"W020": 5e-4}), 1.0)  # a disc of radius 0.01 mm
     assert image.touches((0.0099, 0.02, -1e-3, 1e-3))

@@ -161,10 +161,25 @@ def _slices_about(
 
     Slices whose fans pass at a distance d are no wider there than d, down to boxes that hold less than the tolerance.
     """
-    most = _MOST_SEEN_AT_ONCE // start.size
-    counts = [min(slice_count(a, b, t), most) for a, b, t in zip(start, stop, tolerance, strict=True)]
-    bound = np.concatenate([np.linspace(a, b, n + 1) for a, b, n in zip(start, stop, counts, strict=True)])
-    group = np.repeat(np.arange(start.size), np.array(counts) + 1)
+    counts = [min(slice_count(a, b, t), _MOST_SEEN_AT_ONCE) for a, b, t in zip(start, stop, tolerance, strict=True)]
+    together = np.cumsum(counts) // _MOST_SEEN_AT_ONCE  # as many groups as memory allows
+    found = []
+    for some in (np.flatnonzero(together == this) for this in np.unique(together)):
+        bounds = np.concatenate([np.linspace(start[n], stop[n], counts[n] + 1) for n in some])
+        group = np.repeat(some, np.array(counts)[some] + 1)
+        found.append(_no_wider_than_distant(fans, inner, bounds, group, np.sqrt(tolerance)))
+    left, right, group = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return left, right, group
+
+
+def _no_wider_than_distant(
+    fans: Callable[[Real, Index], tuple[Real, Real]], inner: float, bound: Real, group: Index, least: Real
+) -> tuple[Real, Real, Index]:
+    """Slices (left, right, group) between neighbouring ``bound`` of a ``group``, halved where they are wide.
+
+    Where fans pass at a distance d of the origin slices are no wider than d, or than ``least`` (groups,) of the
+    farthest ray; a group of _MOST_FIRST_SLICES is halved no more.
+    """
     rho = np.linspace(inner, 1.0, 33)
     while True:
         fans_x, fans_y = fans(bound, group)
@@ -175,13 +190,14 @@ def _slices_about(
         closest = distance.copy()
         closest[:-1] -= 0.5 * hop
         np.minimum(closest[1:], distance[1:] - 0.5 * hop, out=closest[1:])
-        farthest = np.zeros(start.size)
+        farthest = np.zeros(least.size)
         np.maximum.at(farthest, group, distance.max(axis=0))
-        closest = np.maximum(closest, (np.sqrt(tolerance) * farthest)[group])
+        closest = np.maximum(closest, (least * farthest)[group])
         width = _length(x[:, 1:] - x[:, :-1], y[:, 1:] - y[:, :-1])
         slices = np.flatnonzero(group[1:] == group[:-1])
-        split = slices[np.any(width > 2.0 * np.maximum(closest[:, 1:], closest[:, :-1]), axis=0)[slices]]
-        if split.size == 0 or bound.size > _MOST_FIRST_SLICES * start.size:
+        wide = np.any(width > 2.0 * np.maximum(closest[:, 1:], closest[:, :-1]), axis=0)
+        split = slices[wide[slices] & (np.bincount(group) <= _MOST_FIRST_SLICES)[group[slices]]]
+        if split.size == 0:
             return bound[slices], bound[slices + 1], group[slices]
         middle = 0.5 * (bound[split] + bound[split + 1])
         bound, group = np.insert(bound, split + 1, middle), np.insert(group, split + 1, group[split])

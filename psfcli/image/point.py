@@ -26,6 +26,7 @@ from psfcli.tolerance import Tolerance
 Real = NDArray[np.float64]
 
 _REFINEMENT = 10.0  # the estimate comes from a second calculation asked to be this much finer
+_TERMS_REFINEMENT = 100.0  # of the mixture, whose terms cost little: by chance it errs as little as one 10 times finer
 _PROBE_STEPS = 6
 _DIRECTIONS = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)])
 _RADII = 240
@@ -67,7 +68,7 @@ def wavelength_scatter(
     ``reach`` [mm] bounds the distances asked for. Without a cube nobody asks for the light outside the window.
     """
     halo = scattered_light(surfaces, telescope, wavelength, reach, tolerance)
-    finer = scattered_light(surfaces, telescope, wavelength, reach, _finer(tolerance))
+    finer = scattered_light(surfaces, telescope, wavelength, reach, _finer(tolerance, _TERMS_REFINEMENT))
     rough = halo.mixture.weight.size > 0
     judged = slice(0, None, max(1, half_width.size // _JUDGED_BOXES))
     difference = np.abs(unaberrated_energy(halo, half_width) - unaberrated_energy(finer, half_width))
@@ -164,8 +165,8 @@ def _density_error(halo: Halo, finer: Halo, reach: float) -> tuple[Real, Real]:
     return r[lit], np.abs(halo.mixture.density(r)[lit] / truth[lit] - 1.0)
 
 
-def _finer(tolerance: Tolerance) -> Tolerance:
-    return Tolerance(tolerance.pixel / _REFINEMENT, tolerance.ee / _REFINEMENT)
+def _finer(tolerance: Tolerance, factor: float) -> Tolerance:
+    return Tolerance(tolerance.pixel / factor, tolerance.ee / factor)
 
 
 def _probed_error(
@@ -179,7 +180,7 @@ def _probed_error(
     if mixture.weight.size == 0:
         return 0.0
     centroid = point.spot.centroid_y, point.spot.centroid_x
-    asked, weight = _finer(tolerance), scatter.halo.unscattered_weight
+    asked, weight = _finer(tolerance, _REFINEMENT), scatter.halo.unscattered_weight
     probes = []
     for oversample in {1, detector.oversample}:
         n, width = detector.sub_pixels // oversample, oversample * detector.sub_pixel

@@ -120,7 +120,7 @@ def mixing_density(
     highest = max(term.nu for term in terms)
     fault = MixtureError(
         f"scatter with C = {1.0 + 2.0 * highest:.6g} and a total phase variance of {total_variance:.4g} is beyond "
-        f"what the mixture of Gaussians resolves (C to 10 at 1, 8 at 30, 4 at 300; nothing above {_LARGEST_VARIANCE:g})"
+        f"what the mixture of Gaussians resolves (C to 10 at 1, 7 at 30, 3 at 300; nothing above {_LARGEST_VARIANCE:g})"
     )
     if total_variance > _LARGEST_VARIANCE:
         raise fault

@@ -29,23 +29,33 @@ _MOST_CELLS = 4000
 def rings_that_may_land(system: TruthSystem, x0: float, x1: float, y0: float, y1: float) -> np.ndarray:
     """Intervals of rho, shape [n, 2], outside which no ray lands in the rectangle [mm].
 
-    Cells of the pupil are quartered, and those are kept whose rays, by the greatest slopes of the ray errors, may land
-    there, until a cell's light is no wider than the rectangle (or ``_MOST_CELLS`` are kept). However small the
-    rectangle, its rings are found.
+    Cells of the pupil are quartered, and those are kept whose rays may land there: by the middle of a cell, its own
+    slopes, and the greatest second derivatives of the ray errors anywhere. Until a cell's light is no wider than the
+    rectangle (or ``_MOST_CELLS`` are kept): however small the rectangle, its rings are found.
     """
     first, last = system.sector or (-np.pi, np.pi)
-    rho, phi = np.linspace(system.obscuration, 1.0, 33)[:, None], np.linspace(first, last, 193)
-    fan = np.array(ray_error(system, rho * np.cos(phi), rho * np.sin(phi)))
-    cells = np.array([[system.obscuration, 1.0, first, last]])
-    slopes = [
-        1.2 * np.abs(np.diff(fan, axis=axis)).max(axis=(1, 2)) / size
-        for axis, size in ((1, (1.0 - system.obscuration) / 32.0), (2, (last - first) / 192.0))
+
+    def landing_at(r: np.ndarray, f: np.ndarray) -> np.ndarray:
+        return np.array(ray_error(system, r * np.cos(f), r * np.sin(f)))
+
+    fan = landing_at(np.linspace(system.obscuration, 1.0, 33)[:, None], np.linspace(first, last, 193))
+    dr, df = (1.0 - system.obscuration) / 32.0, (last - first) / 192.0
+    bends = [
+        1.2 * np.abs(difference).max(axis=(1, 2))[:, None] / size
+        for difference, size in (
+            (np.diff(fan, 2, axis=1), dr**2),
+            (np.diff(np.diff(fan, axis=1), axis=2), dr * df),
+            (np.diff(fan, 2, axis=2), df**2),
+        )
     ]
+    cells = np.array([[system.obscuration, 1.0, first, last]])
     for _ in range(40):
         r0, r1, f0, f1 = cells.T
-        r, f = 0.5 * (r0 + r1), 0.5 * (f0 + f1)
-        ex, ey = ray_error(system, r * np.cos(f), r * np.sin(f))
-        wide_x, wide_y = (0.5 * (r1 - r0) * slopes[0][i] + 0.5 * (f1 - f0) * slopes[1][i] for i in (0, 1))
+        r, f, half_r, half_f = 0.5 * (r0 + r1), 0.5 * (f0 + f1), 0.5 * (r1 - r0), 0.5 * (f1 - f0)
+        ex, ey = landing_at(r, f)
+        slopes = np.abs(landing_at(r1, f) - landing_at(r0, f)) + np.abs(landing_at(r, f1) - landing_at(r, f0))
+        bent = bends[0] * half_r**2 + 2.0 * bends[1] * half_r * half_f + bends[2] * half_f**2
+        wide_x, wide_y = 0.5 * (slopes + bent)
         near = (ex + wide_x >= x0) & (ex - wide_x <= x1) & (ey + wide_y >= y0) & (ey - wide_y <= y1)
         cells, r, f = cells[near], r[near], f[near]
         small = 2.0 * wide_x.max() <= x1 - x0 and 2.0 * wide_y.max() <= y1 - y0
