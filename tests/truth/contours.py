@@ -5,9 +5,9 @@
 - rays at an angle, S = 4 Im Int q h(q) K0(-2 pi i q r) dq with h(0) subtracted or not: the core;
 - the cut, S = -4 Int t K0(2 pi r t) Im h(it) dt: the wing, however faint, as nothing there cancels.
 
-Trapezoids in the logarithm share their samples among all radii. ``clipped`` keeps the clip at the horizon: the real
-axis to the last q_c, and a slanted ray from there; for where so much lies beyond the horizon that the unclipped S is
-huge.
+Trapezoids in the logarithm share their samples among all radii, which lie as far apart as those. ``clipped`` keeps the
+clip at the horizon: the real axis to the last q_c, and a slanted ray from there; for where so much lies beyond the
+horizon that the unclipped S is huge.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from .scatter import transfer_function
 from .system import TruthSystem, specular_weight
 
 STEP = 0.02  # in the logarithm of q; the rules converge like exp(-2 pi 0.15/step)
-STRIDE = 4  # steps between radii
 _LOW, _HIGH = -23.0, 5.5  # of ln(2 pi |q| r)
 _SLANTS = 0.12, 0.2, 0.3  # over pi
 _ROUNDING = 4e-15  # of one sample, relative
@@ -31,7 +30,7 @@ _MOST_TURNS = 20.0  # h(it) oscillates like this argument, which the rule must r
 
 
 def unclipped(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(S [1/mm^2], relative noise) of the unclipped S at radii ``STRIDE`` x ``STEP`` apart in the logarithm."""
+    """(S [1/mm^2], relative noise) of the unclipped S at radii ``STEP`` apart in the logarithm."""
     value, noise = by_every_contour(system, log_r)
     best = np.argmin(noise, axis=0)[None]
     return np.take_along_axis(value, best, 0)[0], np.take_along_axis(noise, best, 0)[0]
@@ -40,8 +39,7 @@ def unclipped(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.nd
 def by_every_contour(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same by each contour, shape [contour, radius]; infinite noise where one fails."""
     n = np.arange(math.floor(_LOW / STEP), math.ceil(_HIGH / STEP) + 1)  # 2 pi |q| r = exp(n step)
-    shift = STRIDE * (len(log_r) - 1)
-    k = np.arange(n[0] - shift, n[-1] + 1)
+    k = np.arange(n[0] - len(log_r) + 1, n[-1] + 1)
     size = np.exp(k * STEP - log_r[0]) / (2.0 * np.pi)  # |q|
     candidates = []
     for slant in _SLANTS:
@@ -52,7 +50,7 @@ def by_every_contour(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray
         fallen, left = _exponents(system, q)
         subtracted = math.exp(_log_height(system)) * np.expm1(-fallen)
         for h in (subtracted, specular_weight(system) * np.expm1(left)):
-            candidates.append(_sums(4.0 * STEP * (q * q * h), kernel, len(log_r)))
+            candidates.append(_sums(4.0 * STEP * (q * q * h), kernel))
     candidates.append(_on_the_cut(system, size, np.exp(n * STEP), len(log_r)))
     value, noise = (np.array(part) for part in zip(*candidates, strict=True))
     noise = np.where(np.isfinite(noise) & (value > 0.0), noise / np.abs(value), np.inf)
@@ -64,10 +62,10 @@ def by_every_contour(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray
     return value, noise
 
 
-def _sums(samples: np.ndarray, kernel: np.ndarray, radii: int) -> tuple[np.ndarray, np.ndarray]:
+def _sums(samples: np.ndarray, kernel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Im Sum samples x kernel at every radius, and its rounding."""
-    shifted = np.lib.stride_tricks.sliding_window_view(samples, len(kernel))[::-1][::STRIDE][:radii]
-    return (shifted @ kernel).imag, _ROUNDING * (np.abs(shifted) @ np.abs(kernel))
+    size = np.convolve(np.abs(samples), np.abs(kernel[::-1]), "valid")[::-1]
+    return np.convolve(samples, kernel[::-1], "valid")[::-1].imag, _ROUNDING * size
 
 
 def _on_the_cut(system: TruthSystem, t: np.ndarray, x: np.ndarray, radii: int) -> tuple[np.ndarray, np.ndarray]:
@@ -88,9 +86,7 @@ def _on_the_cut(system: TruthSystem, t: np.ndarray, x: np.ndarray, radii: int) -
     bound = 4.0 * STEP * t * t * np.exp(_log_height(system) + np.maximum.accumulate(np.abs(real))) * envelope
     bound[~resolved] = np.inf
     kernel = kve(0, x) * np.exp(-x)
-    shifted, bounds = (
-        np.lib.stride_tricks.sliding_window_view(v, len(kernel))[::-1][::STRIDE][:radii] for v in (samples, bound)
-    )
+    shifted, bounds = (np.lib.stride_tricks.sliding_window_view(v, len(kernel))[::-1] for v in (samples, bound))
     value, noise = np.empty(radii), np.empty(radii)
     peak = int(np.searchsorted(x, 1.0))
     for m in range(radii):
