@@ -139,6 +139,8 @@ def truth_of(scene: Scene) -> Truth:
             alike = [c for c in centres if (c, box) in boxes and math.dist(centres[c], centre) <= 1e-12 * half_width]
             boxes[column, box] = boxes[alike[0], box] if alike else image.square(half_width, centre)
         boxes["ee_unaberrated", box] = bare.square(half_width)
+    # beyond a horizon the model ripples about nought, and squares may hold more than all there is: told as all
+    boxes = {place: min(energy, 1.0) for place, energy in boxes.items()}
     return Truth(tuple(pixels), boxes, 1.0 - image.energy(whole, JUDGED_ENERGY), time.process_time() - started)
 
 

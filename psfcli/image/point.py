@@ -16,7 +16,7 @@ from psfcli.image.geometric import GeometricalImage, geometrical_images
 from psfcli.image.grid import Detector
 from psfcli.image.narrow_cells import narrow_error, nearest_dark
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
-from psfcli.image.result import EnsquaredEnergy, FieldImage
+from psfcli.image.result import EnsquaredEnergy, FieldImage, Spot
 from psfcli.image.scatter import Halo, scattered_light
 from psfcli.image.squares import SquareResponse, square_response
 from psfcli.surface.surface import Surface
@@ -129,10 +129,10 @@ def _field_image(
     ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width.min(initial=math.inf)))
     if image is not None:
         fine = image.light
-        corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
-        pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
+        farthest = _farthest(point.spot, detector)
+        pixel_error = halo.hidden_error(farthest) + halo.collapse_error(detector.sub_pixel)
         radius, difference = scatter.density_error
-        pixel_error += float(np.max(difference, where=radius <= corner, initial=0.0))  # no blur makes it larger
+        pixel_error += float(np.max(difference, where=radius <= farthest, initial=0.0))  # no blur makes it larger
         pixel_error += _probed_error(image, point, scatter, detector, tolerance)
         pixel_error += image.unresolved
         if float(fine.min()) < 0.0:  # only where the ripples of the horizon are all there is
@@ -153,6 +153,15 @@ def _field_image(
         ensquared=ensquared,
         power_outside=outside,
         reached=Tolerance(pixel_error, ee_error),
+    )
+
+
+def _farthest(spot: Spot, detector: Detector) -> float:
+    """The distance from any ray of the spot to any place in the window, or a little more [mm]."""
+    x_start, x_stop, y_start, y_stop = detector.bounds()
+    return math.hypot(
+        max(x_stop - spot.x_min, spot.x_max - x_start),
+        max(y_stop - spot.y_min, spot.y_max - y_start),
     )
 
 
