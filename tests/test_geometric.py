@@ -283,7 +283,7 @@ def test_defocus_in_a_sector_is_a_sector_of_a_disc(obscuration):
     for rays in (
         point.rays,
         landed(point, 0.5 * width),
-        graded_rays(point, lambda x, _: np.full_like(x, 0.3 * width)),
+        graded_rays(point, lambda x, _: np.full_like(x, 0.15 * width), 7),
     ):
         assert rays.share.sum() == pytest.approx(1.0, rel=1e-12)
         assert rays.share @ np.hypot(rays.x, rays.y) ** 3 == pytest.approx(mean(3, 0, 0), rel=1e-12)

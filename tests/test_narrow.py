@@ -118,7 +118,7 @@ def test_fewer_terms_do_to_edges_what_all_did():
 
 def test_graded_rays_are_a_quadrature_of_the_pupil():
     image = point(TILTED)
-    rays = graded_rays(image, lambda x, y: np.maximum(0.05 * np.hypot(x - 0.002, y), 1e-4))
+    rays = graded_rays(image, lambda x, y: np.maximum(0.05 * np.hypot(x - 0.002, y), 1e-4), 5)
     assert rays.share.sum() == pytest.approx(1.0, abs=1e-12)
     assert rays.share @ rays.x == pytest.approx(image.spot.centroid_x, abs=1e-10)
     assert rays.share @ (rays.y - image.spot.centroid_y) ** 2 == pytest.approx(image.spot.rms_y**2, rel=1e-8)

@@ -17,13 +17,14 @@ from psfcli.image.quadrature import gauss_legendre
 Real = NDArray[np.float64]
 
 _FIRST_RADII, _FIRST_AZIMUTHS = 1, 8
-_NODES = 5  # of each cell, either way
-_SIZE = 3.0  # spacings that a cell may be wide
 _MOST_CELLS = 200_000
 
 
-def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real]) -> RayBundle:
-    """Rays about ``spacing(x, y)`` [mm] apart where they land at (x, y), counted from the Gaussian image point."""
+def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real], nodes: int) -> RayBundle:
+    """Rays about ``spacing(x, y)`` [mm] apart where they land at (x, y), counted from the Gaussian image point.
+
+    ``nodes`` of each cell, either way, in cells at most ``nodes`` - 1 spacings wide.
+    """
     start, stop = image.telescope.pupil.sector
     inner = image.telescope.pupil.obscuration
     r = np.linspace(inner, 1.0, _FIRST_RADII + 1)
@@ -34,7 +35,7 @@ def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real]) 
         x, y = _landing(image, cells, np.array([-1.0, 0.0, 1.0]))
         along = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).sum(axis=1).max(axis=1)
         around = np.hypot(np.diff(x, axis=2), np.diff(y, axis=2)).sum(axis=2).max(axis=1)
-        allowed = _SIZE * spacing(x, y).min(axis=(1, 2))
+        allowed = (nodes - 1) * spacing(x, y).min(axis=(1, 2))
         fits = (np.maximum(along, around) <= allowed) | (sum(len(d) for d in done) + len(cells) > _MOST_CELLS)
         done.append(cells[fits])
         cells, radial = cells[~fits], (along > around)[~fits]
@@ -44,7 +45,7 @@ def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real]) 
         high[np.arange(len(cells)), np.where(radial, 0, 2)] = middle
         cells = np.concatenate([low, high])
     cells = np.concatenate(done)
-    node, weight = gauss_legendre(_NODES)
+    node, weight = gauss_legendre(nodes)
     x, y = _landing(image, cells, node)
     area = 2.0 * (cells[:, 1] - cells[:, 0]) * (cells[:, 3] - cells[:, 2]) / ((1.0 - inner**2) * (stop - start))
     share = (

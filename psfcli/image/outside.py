@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from psfcli.image.blur import ray_spacing
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.graded import graded_rays
 from psfcli.image.grid import Detector
@@ -32,7 +33,9 @@ _DECADES_BEYOND = 3.0  # of q below the farthest distance
 _CORNER_NODES, _FEW_NODES = 48, 16  # for corners however far along an edge, and within _SHORT
 _SHORT = 3.0  # of asinh(far/near)
 _RAYS_AT_ONCE = 512
-_FARTHEST_RAY_SHARE = 0.3  # ray spacing as a share of the distance to the nearest edge
+_FEWEST_RAYS = 4  # of a cell, either way; one more for each digit asked for beyond 1e-5
+_CELL_SHARE = 0.9  # of the distance to the nearest edge: how wide a cell of rays may be
+_SHARE = 0.3  # of the tolerance, for the narrow cores between the rays
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,34 +124,45 @@ def outside_window(
         cell, _ = unscattered_on_grid(point, edges_x, edges_y, 0.3 * tolerance.ee / halo.specular_fraction)
         outside += halo.specular_fraction * (1.0 - float(cell[0, 0]))
     if encircled is not None:
-        # rays as close as the narrowest core that holds light worth the tolerance
-        first = int(np.searchsorted(np.cumsum(np.maximum(halo.mixture.weight, 0.0)), 0.1 * tolerance.ee))
-        core_width = math.sqrt(float(halo.mixture.variance[min(first, halo.mixture.weight.size - 1)]))
-        inside = _scattered_inside(point, encircled, core_width, window)
+        rays = max(_FEWEST_RAYS, math.ceil(-math.log10(tolerance.ee)) - 1)
+        inside = _scattered_inside(point, encircled, _closest(halo, tolerance), rays, window)
         outside += (1.0 - halo.specular_fraction) - inside
     return outside
+
+
+def _closest(halo: Halo, tolerance: Tolerance) -> float:
+    """The ray spacing [mm] at which all cores up to any width err by no more than a share of ``tolerance.ee``.
+
+    Each as if it were as wide as the narrowest that rays so far apart resolve: the fewer hold the less light, the
+    farther apart.
+    """
+    width = np.sqrt(halo.mixture.variance)
+    held = np.cumsum(np.abs(halo.mixture.weight))
+    return float(ray_spacing(width, _SHARE * tolerance.ee / held).min())
 
 
 def _scattered_inside(
     point: GeometricalImage,
     encircled: EncircledEnergy,
-    core_width: float,
+    closest: float,
+    nodes: int,
     window: tuple[float, float, float, float],
 ) -> float:
     """The scattered light, as a fraction of all light, inside the ``window`` (x_start, x_stop, y_start, y_stop) [mm].
 
     A rectangle is a signed sum of four corners, each I(X, Y) = (1/2 pi)[Int_0^atan(Y/X) E(X/cos t) dt + the like in
-    Y], averaged over rays through the pupil: as close as the narrowest core where an edge is near the spot.
+    Y], averaged over rays through the pupil: ``closest`` [mm] together where an edge is near the spot, and ``nodes`` by
+    ``nodes`` in a cell.
     """
     x_start, x_stop, y_start, y_stop = window
     half_x, half_y = 0.5 * (x_stop - x_start), 0.5 * (y_stop - y_start)
 
     def spacing(x: Real, y: Real) -> Real:
-        """The narrowest core at the window's edge; far from it, a share of the distance."""
+        """The closest at the window's edge; far from it, a share of the distance."""
         from_edge = np.abs(np.maximum(np.abs(x - x_start - half_x) - half_x, np.abs(y - y_start - half_y) - half_y))
-        return np.maximum(core_width, _FARTHEST_RAY_SHARE * from_edge)
+        return np.maximum(closest, _CELL_SHARE / (nodes - 1) * from_edge)
 
-    rays = graded_rays(point, spacing)
+    rays = graded_rays(point, spacing, nodes)
     inside = 0.0
     for first in range(0, rays.x.size, _RAYS_AT_ONCE):
         part = slice(first, first + _RAYS_AT_ONCE)

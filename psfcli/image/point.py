@@ -31,6 +31,7 @@ _PROBE_STEPS = 6
 _DIRECTIONS = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)])
 _RADII = 240
 _JUDGED_BOXES = 10
+_ROUNDING = 1e-12  # of a length: the halo may reach just to the corners of the largest square
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +88,8 @@ def wavelength_scatter(
 def _beyond(halo: Halo, half_width: Real) -> float:
     """The light that no square holds though some are larger than the ``halo`` reaches."""
     largest = half_width[-1:]
-    return float(
-        np.max(np.abs(1.0 - unaberrated_energy(halo, largest)), where=halo.held(largest) < largest, initial=0.0)
-    )
+    beyond = halo.held(largest) < (1.0 - _ROUNDING) * largest
+    return float(np.max(np.abs(1.0 - unaberrated_energy(halo, largest)), where=beyond, initial=0.0))
 
 
 def field_images(
