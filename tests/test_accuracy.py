@@ -15,6 +15,7 @@ CURED = {  # (seed, number): once beyond their accuracy, or told to be
     (1, 31): "a clip at the horizon that takes less than rounding from 1",
     (11, 27): "a spot that just misses the window",
     (101, 39): "a halo that reaches just to the corners of the largest square",
+    (102, 19): "a spot across an edge, its cores narrower than a sub-pixel and as wide as itself",
 }
 FALL_SHORT: dict[int, str] = {}  # the draws that end with exit code 3, and their limit: at most 2 %
 
