@@ -18,6 +18,7 @@ from psfcli.image.blur import (
     ray_spacing,
     shares,
 )
+from psfcli.image.blurred import terms_for
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.grid import Detector
 from psfcli.image.patches import ray_count
@@ -77,8 +78,9 @@ def add_narrow(
     bounds = detector.bounds()
     closest = ray_count(point, bounds).closest()
     rest = mixture.only(others)
-    for count in (FEW_TERMS, FEWER_TERMS):
-        few = fewer_terms(mixture.only(local), count)
+    edges = mixture.only(local)
+    for count in (terms_for(np.array([tolerance.ee]), edges), FEW_TERMS, FEWER_TERMS):
+        few = fewer_terms(edges, count)
         blurring = GaussianMixture(np.append(few.weight, rest.weight), np.append(few.variance, rest.variance))
         errors = np.append(narrow_error(few, tolerance, math.inf, brightest), allowed[others])
         spacing = ray_spacing(np.sqrt(blurring.variance), errors)
