@@ -14,6 +14,7 @@ CURED = {  # (seed, number): once beyond their accuracy, or told to be
     (7, 42): "many cores narrower than a sub-pixel",
     (1, 31): "a clip at the horizon that takes less than rounding from 1",
     (11, 27): "a spot that just misses the window",
+    (103, 18): "a spot that distortion puts far beside the window",
 }
 FALL_SHORT: dict[int, str] = {}  # the draws that end with exit code 3, and their limit: at most 2 %
 

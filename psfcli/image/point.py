@@ -16,7 +16,7 @@ from psfcli.image.geometric import GeometricalImage, geometrical_images
 from psfcli.image.grid import Detector
 from psfcli.image.narrow_cells import narrow_error, nearest_dark
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
-from psfcli.image.result import EnsquaredEnergy, FieldImage
+from psfcli.image.result import EnsquaredEnergy, FieldImage, Spot
 from psfcli.image.scatter import Halo, scattered_light
 from psfcli.image.squares import SquareResponse, square_response
 from psfcli.surface.surface import Surface
@@ -128,7 +128,7 @@ def _field_image(
     ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width.min(initial=math.inf)))
     if image is not None:
         fine = image.light
-        corner = math.hypot(*(max(abs(edge) for edge in detector.bounds()[axis : axis + 2]) for axis in (0, 2)))
+        corner = _farthest(point.spot, detector)
         pixel_error = halo.hidden_error(corner) + halo.collapse_error(detector.sub_pixel)
         radius, difference = scatter.density_error
         pixel_error += float(np.max(difference, where=radius <= corner, initial=0.0))  # no blur makes it larger
@@ -153,6 +153,13 @@ def _field_image(
         power_outside=outside,
         reached=Tolerance(pixel_error, ee_error),
     )
+
+
+def _farthest(spot: Spot, detector: Detector) -> float:
+    """The largest distance [mm] between a ray, or the Gaussian image point, and a corner of the window."""
+    x_start, x_stop, y_start, y_stop = detector.bounds()
+    x_min, x_max, y_min, y_max = min(spot.x_min, 0.0), max(spot.x_max, 0.0), min(spot.y_min, 0.0), max(spot.y_max, 0.0)
+    return math.hypot(max(x_stop - x_min, x_max - x_start), max(y_stop - y_min, y_max - y_start))
 
 
 def _density_error(halo: Halo, finer: Halo, reach: float) -> tuple[Real, Real]:
