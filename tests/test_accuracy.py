@@ -17,7 +17,7 @@ CURED = {  # (seed, number): once beyond their accuracy, or told to be
     (101, 37): "a mixture that errs as little as one ten times finer",
     (101, 39): "a halo that reaches just to the corners of the largest square",
     (102, 19): "a spot across an edge, its cores narrower than a sub-pixel and as wide as itself",
-    (104, 0): "a window many spots away from the spot",
+    (103, 18): "a spot that distortion puts far beside the window",
     (104, 9): "a flat wing in a large square",
 }
 FALL_SHORT: dict[int, str] = {}  # the draws that end with exit code 3, and their limit: at most 2 %

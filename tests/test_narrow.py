@@ -116,6 +116,16 @@ def test_fewer_terms_do_to_edges_what_all_did():
     np.testing.assert_allclose(some, all_terms, atol=1e-7)  # what both integrals and the rule may leave
 
 
+def test_fewer_terms_stand_for_widths_over_decades_in_squares_narrower_than_most():
+    image = point(TILTED)
+    half_width = extent(image) * np.array([0.005, 0.02, 0.1])
+    mixture = GaussianMixture(np.full(24, 1.0 / 24.0), (extent(image) * np.geomspace(1e-4, 0.1, 24)) ** 2)
+    all_terms, some = (
+        blurred_in_boxes(image, CENTRES, half_width, np.full(2, 1e-8), m) for m in (mixture, fewer_terms(mixture, 12))
+    )
+    np.testing.assert_allclose(some, all_terms, atol=1e-7)  # 3e-8 measured
+
+
 def test_graded_rays_are_a_quadrature_of_the_pupil():
     image = point(TILTED)
     rays = graded_rays(image, lambda x, y: np.maximum(0.05 * np.hypot(x - 0.002, y), 1e-4), 5)

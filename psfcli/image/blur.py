@@ -85,15 +85,17 @@ def ray_error(width: Real, spacing: Real) -> Real:
 
 
 def fewer_terms(mixture: GaussianMixture, count: int = FEW_TERMS) -> GaussianMixture:
-    """Terms that do to an edge far wider than they what all do: Gauss's rule in the width, to power 2 ``count`` - 1.
+    """Terms that do to an image what all do: Gauss's rule in u = width^(1/4), to power 2 ``count`` - 1 of u.
 
+    What lies about an edge is no power series of the width where it is as wide as caustics and corners are far away;
+    measured, the fourth root is as good as the width itself for smooth images, and gains a digit or two at caustics.
     ``mixture`` by increasing variance, of positive weights.
     """
     if mixture.weight.size <= count:
         return mixture
-    width = np.sqrt(mixture.variance)
-    node, weight = gauss_rule(width / width[-1], mixture.weight, count)
-    return GaussianMixture(weight, (node * width[-1]) ** 2)
+    widest = mixture.variance[-1]
+    node, weight = gauss_rule((mixture.variance / widest) ** 0.125, mixture.weight, count)
+    return GaussianMixture(weight, widest * node**8)
 
 
 def shares(mixture: GaussianMixture, r: Real) -> Real:

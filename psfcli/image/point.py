@@ -31,6 +31,7 @@ _PROBE_STEPS = 6
 _DIRECTIONS = np.array([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)])
 _RADII = 240
 _JUDGED_BOXES = 10
+_JUDGED_SHARE = 1e-3  # of the scattered light, where that is less than the energy asked for
 _ROUNDING = 1e-12  # of a length: the halo may reach just to the corners of the largest square
 
 
@@ -105,9 +106,10 @@ def field_images(
     points = geometrical_images(telescope, fields)
     energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance)
     images = composite_images(points, scatter.halo, detector, tolerance) if with_cube else [None] * len(points)
+    whole = float(np.abs(scatter.finer.mixture.weight).sum())
     for point, image, (ensquared, scattered, error) in zip(points, images, energies, strict=True):
         centres = list(scattered)
-        truth = scatter.judge.energy(point, centres, tolerance.ee / _REFINEMENT)
+        truth = scatter.judge.energy(point, centres, min(tolerance.ee / _REFINEMENT, _JUDGED_SHARE * whole))
         used = np.array([scattered[centre][scatter.judged] for centre in centres])
         error += max(float(np.max(np.abs(used - truth), initial=0.0)), scatter.energy_error)
         yield _field_image(point, image, ensquared, error, scatter, detector, tolerance)
