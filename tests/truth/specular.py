@@ -37,15 +37,15 @@ def rings_that_may_land(system: TruthSystem, x0: float, x1: float, y0: float, y1
     rho, phi = np.linspace(system.obscuration, 1.0, 33)[:, None], np.linspace(first, last, 193)
     fan = np.array(ray_error(system, rho * np.cos(phi), rho * np.sin(phi)))
     cells = np.array([[system.obscuration, 1.0, first, last]])
-    slopes = [
-        1.2 * np.abs(np.diff(fan, axis=axis)).max(axis=(1, 2)) / size
-        for axis, size in ((1, (1.0 - system.obscuration) / 32.0), (2, (last - first) / 192.0))
-    ]
+    along, around = (np.abs(np.diff(fan, axis=axis)) for axis in (1, 2))
+    slope_rho = 1.2 * along.max(axis=(1, 2)) / ((1.0 - system.obscuration) / 32.0)
+    around = around[:, rho[:, 0] > 0.0] / rho[rho > 0.0][:, None]  # what is smooth at the pupil's centre turns like rho
+    slope_phi = 1.2 * around.max(axis=(1, 2)) / ((last - first) / 192.0)
     for _ in range(40):
         r0, r1, f0, f1 = cells.T
         r, f = 0.5 * (r0 + r1), 0.5 * (f0 + f1)
         ex, ey = ray_error(system, r * np.cos(f), r * np.sin(f))
-        wide_x, wide_y = (0.5 * (r1 - r0) * slopes[0][i] + 0.5 * (f1 - f0) * slopes[1][i] for i in (0, 1))
+        wide_x, wide_y = (0.5 * (r1 - r0) * slope_rho[i] + 0.5 * (f1 - f0) * r1 * slope_phi[i] for i in (0, 1))
         near = (ex + wide_x >= x0) & (ex - wide_x <= x1) & (ey + wide_y >= y0) & (ey - wide_y <= y1)
         cells, r, f = cells[near], r[near], f[near]
         small = 2.0 * wide_x.max() <= x1 - x0 and 2.0 * wide_y.max() <= y1 - y0
@@ -74,7 +74,7 @@ def _kinks(system: TruthSystem, window: tuple[float, float, float, float], low: 
     Neighbours of a sample of rings that differ are searched between, part by part, for the first ring unlike the left
     one, and again from there on. What the sample misses is left to the halving of panels.
     """
-    p = np.linspace(low, high, _RINGS)
+    p = np.linspace(low**0.5, high**0.5, _RINGS) ** 2  # the smaller a ring, the less its light spreads
     _, way = landing(system, np.sqrt(p), *window)
     changed = np.any(way[1:] != way[:-1], axis=1)
     left, right, way_left, way_right = p[:-1][changed], p[1:][changed], way[:-1][changed], way[1:][changed]
