@@ -16,6 +16,7 @@ CURED = {  # (seed, number): once beyond their accuracy, or told to be
     (11, 27): "a spot that just misses the window",
     (101, 39): "a halo that reaches just to the corners of the largest square",
     (102, 19): "a spot across an edge, its cores narrower than a sub-pixel and as wide as itself",
+    (101, 2): "a strong cubic met by a few rays",
 }
 FALL_SHORT: dict[int, str] = {}  # the draws that end with exit code 3, and their limit: at most 2 %
 
