@@ -84,7 +84,7 @@ def _kinks(system: TruthSystem, window: tuple[float, float, float, float], low: 
     Neighbours of a sample of rings that differ are searched between, part by part, for the first ring unlike the left
     one, and again from there on. What the sample misses is left to the halving of panels.
     """
-    p = np.linspace(low, high, _RINGS)
+    p = np.linspace(low**0.5, high**0.5, _RINGS) ** 2  # the smaller a ring, the less its light spreads
     _, way = landing(system, np.sqrt(p), *window)
     changed = np.any(way[1:] != way[:-1], axis=1)
     left, right, way_left, way_right = p[:-1][changed], p[1:][changed], way[:-1][changed], way[1:][changed]
