@@ -18,7 +18,6 @@ _MOST_NODES = 400_000
 _SLICES_AT_ONCE = 1024
 _LEAST_SHARE = 0.1  # few slices hold a kink of any one function: each may use this share of the tolerance
 _BEND = 0.4  # of the change in curvature, in units of a twelfth of the slice: about what a kink there takes
-_KINK_GAIN = 2.0  # from a slice to its halves a kink's error falls by 2^(3/2) to 4
 _PLACE = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # of Simpson's nodes on the halves of a slice
 _PLACE_WEIGHT = np.array([1.0, 4.0, 2.0, 4.0, 1.0]) / 12.0
 
@@ -112,8 +111,8 @@ def _halved_until(
 
     Each slice is integrated by Simpson's rule and by that on its halves: closed rules, so that a kink always lies
     between two points that were seen. They may agree across a kink by chance: what the curvature changes from one half
-    to the other counts as well. The error is the sum of the changes over all slices, for the worst function, less what
-    the last halving gained.
+    to the other counts as well. The error is the sum of the changes over all slices, for the worst function: a few
+    times what the last halving left, and no less is told, for kinks may agree by chance.
     """
     groups = tolerance.size
     whole = np.bincount(group, right - left, groups)
@@ -158,7 +157,7 @@ def _halved_until(
         np.concatenate(rights),
         np.concatenate(of),
         integral,
-        doubt.max(axis=1, initial=0.0) / _KINK_GAIN,
+        doubt.max(axis=1, initial=0.0),
     )
 
 
