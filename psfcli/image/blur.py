@@ -84,18 +84,19 @@ def ray_error(width: Real, spacing: Real) -> Real:
     return error
 
 
-def fewer_terms(mixture: GaussianMixture, count: int = FEW_TERMS) -> GaussianMixture:
-    """Terms that do to an image what all do: Gauss's rule in u = width^(1/4), to power 2 ``count`` - 1 of u.
+def fewer_terms(mixture: GaussianMixture, count: int = FEW_TERMS, power: float = 0.25) -> GaussianMixture:
+    """Terms that do to an image what all do: Gauss's rule in u = width^``power``, exact for u^0 to u^(2 ``count`` - 1).
 
     What lies about an edge is no power series of the width where it is as wide as caustics and corners are far away;
     measured, the fourth root is as good as the width itself for smooth images, and gains a digit or two at caustics.
+    The larger the power, the wider the narrowest term.
     ``mixture`` by increasing variance, of positive weights.
     """
     if mixture.weight.size <= count:
         return mixture
     widest = mixture.variance[-1]
-    node, weight = gauss_rule((mixture.variance / widest) ** 0.125, mixture.weight, count)
-    return GaussianMixture(weight, widest * node**8)
+    node, weight = gauss_rule((mixture.variance / widest) ** (0.5 * power), mixture.weight, count)
+    return GaussianMixture(weight, widest * node ** (2.0 / power))
 
 
 def shares(mixture: GaussianMixture, r: Real) -> Real:

@@ -79,8 +79,8 @@ def add_narrow(
     closest = ray_count(point, bounds).closest()
     rest = mixture.only(others)
     edges = mixture.only(local)
-    for count in (terms_for(np.array([tolerance.ee]), edges), FEW_TERMS, FEWER_TERMS):
-        few = fewer_terms(edges, count)
+    for count, power in ((terms_for(np.array([tolerance.ee]), edges), 0.25), (FEW_TERMS, 1.0), (FEWER_TERMS, 1.0)):
+        few = fewer_terms(edges, count, power)
         blurring = GaussianMixture(np.append(few.weight, rest.weight), np.append(few.variance, rest.variance))
         errors = np.append(narrow_error(few, tolerance, math.inf, brightest), allowed[others])
         spacing = ray_spacing(np.sqrt(blurring.variance), errors)

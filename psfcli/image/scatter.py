@@ -140,9 +140,9 @@ def scattered_light(
     flattest = min(term.nu for term in terms)
     # one-fold light has v = w^2/2t with t gamma-distributed of order nu + 1: nothing lies below t = nu + 60
     low = min(0.5 * term.width**2 / (term.nu + 60.0) for term in terms)
-    # terms wider than all this add a pedestal smaller than the error allowed at the farthest distance: one of a single
-    # sign, which energies do not average
-    pedestal = min(share, 0.1 * tolerance.ee)
+    # terms wider than all this add a pedestal smaller than the error allowed at the farthest distance: of one sign,
+    # which energies do not average, and on a density from which the horizon may take nearly all
+    pedestal = min(share, 1e-3 * tolerance.ee)
     high = max(reach, *(term.width for term in terms)) ** 2 * pedestal ** (-1.0 / (1.0 + flattest))
     variance = np.exp(np.arange(math.log(low), math.log(high), step))
     density, doubt = mixing_density(variance, terms, total_variance)
