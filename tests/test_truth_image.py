@@ -240,7 +240,7 @@ def test_a_tiny_window_is_found_where_light_crowds_along_a_line():
     share = counted * (p[-1] - p[0]) / (1.0 - system.obscuration**2)
     found = specular_energy(system, -half_width, half_width, -half_width, half_width)
     assert found == pytest.approx(share, rel=1e-2)
-    assert found == pytest.approx(8.2989e-6, rel=1e-5)
+    assert found == pytest.approx(8.298925e-6, rel=1e-6)  # by fans in azimuth, good to 1e-11 of all light
 
 
 def test_a_window_touched_by_a_single_ray_is_touched():

@@ -47,7 +47,7 @@ def blurred_edge(tolerance: Real, mixture: GaussianMixture) -> BlurredEdge:
 def terms_for(tolerance: Real, mixture: GaussianMixture) -> int:
     """How many Gaussians stand for all of a ``mixture`` within the least ``tolerance``, of all light.
 
-    Measured: Gauss's rule in the width gains half a digit by each, for widths from the spot's down to a hundredth.
+    Measured: the rule of ``fewer_terms`` gains half a digit by each, for widths from the spot's down to a hundredth.
     """
     digits = math.log10(max(float(mixture.weight.sum() / tolerance.min()), 1.0))
     return max(FEW_TERMS, math.ceil(_TERMS_PER_DIGIT * digits))

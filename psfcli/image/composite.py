@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from psfcli.image.blur import interval_integrals, moment_orders, moments_to
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.grid import Detector
-from psfcli.image.narrow_cells import Window, add_narrow, cells_between
+from psfcli.image.narrow_cells import add_narrow, cells_between
 from psfcli.image.result import Spot
 from psfcli.image.scatter import Halo
-from psfcli.image.unscattered import unscattered_in_windows
+from psfcli.image.unscattered import Window, unscattered_in_windows
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.tolerance import Tolerance
 

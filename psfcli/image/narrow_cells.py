@@ -24,11 +24,11 @@ from psfcli.image.grid import Detector
 from psfcli.image.patches import ray_count
 from psfcli.image.scatter import Halo
 from psfcli.image.spot_grid import SpotGrid, spot_grids
+from psfcli.image.unscattered import Window
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
-Window = tuple[slice, slice]  # rows and columns of a grid
 
 _LOCAL = 0.125  # of a sub-pixel: Gaussians narrower than this do not reach the one after next
 _SHARE = 0.1  # of the tolerance, for each term in dark pixels, and for all together in lit ones
