@@ -87,7 +87,7 @@ def light_in_squares(fans_x: Real, fans_y: Real, inner: float, half_width: Real)
     light = light.reshape(2, azimuths, boxes).sum(axis=0, dtype=np.float64)  # counts of nothing are integers
     for end, power in ((-1, 1.0), (0, -(inner**2))):
         distance = np.abs(branches.value[end]).reshape(2, azimuths).max(axis=0)
-        light += power * (distance[:, None] <= half_width)
+        np.add(light, power, out=light, where=distance[:, None] <= half_width)
     share: Real = light / (1.0 - inner**2)
     return share
 
@@ -132,27 +132,30 @@ def _crossings(branches: Branches, edges: Sequence[Real], beyond: Real) -> _Cros
     As many equal parts of the fans as there are ``edges`` each meet their own, counted from the first of all. A branch
     meets each edge in its range once.
     """
-    before, after = branches.value[:-1], branches.value[1:]
-    low, high = np.minimum(before, after), np.maximum(before, after)
-    fans = before.shape[1]
-    first, last = np.empty(before.shape, dtype=np.intp), np.empty(before.shape, dtype=np.intp)
+    fans = branches.fans.shape[1]
+    live = np.flatnonzero(branches.rho[1:] > branches.rho[:-1])  # most fans have one branch
+    before, after = branches.value[:-1].ravel()[live], branches.value[1:].ravel()[live]
+    low, high, of = np.minimum(before, after), np.maximum(before, after), live % fans
+    first, last = np.empty(live.size, dtype=np.intp), np.empty(live.size, dtype=np.intp)
     passed = 0
     for n, own in enumerate(edges):
-        part = np.s_[:, n * fans // len(edges) : (n + 1) * fans // len(edges)]
+        part = slice(None) if len(edges) == 1 else of * len(edges) // fans == n
         first[part] = passed + np.searchsorted(own, low[part], side="right")
         last[part] = passed + np.searchsorted(own, high[part], side="left")
         passed += own.size
-    count = np.maximum(last - first, 0).ravel()
+    count = np.maximum(last - first, 0)
     branch = np.repeat(np.arange(count.size), count)
-    edge = np.arange(branch.size) + (first.ravel() - np.cumsum(count) + count)[branch]
-    fan, place = np.tile(np.arange(fans), before.shape[0])[branch], np.concatenate(edges)
+    edge = np.arange(branch.size) + (first - np.cumsum(count) + count)[branch]
+    place = np.concatenate(edges)
     if np.any(beyond > 0.0):
-        some = np.abs(place[edge]) > beyond[fan]
-        branch, edge, fan = branch[some], edge[some], fan[some]
-    cubics = branches.fans[:, fan]
+        some = np.abs(place[edge]) > beyond[of[branch]]
+        branch, edge = branch[some], edge[some]
+    fan = of[branch]
+    cubics = branches.fans.take(fan, axis=1)
     cubics[0] -= place[edge]
-    rho = root_between(cubics, branches.rho[:-1].ravel()[branch], branches.rho[1:].ravel()[branch])
-    return _Crossings(rho, fan, edge, (after > before).ravel()[branch])
+    start, stop = branches.rho[:-1].ravel()[live], branches.rho[1:].ravel()[live]
+    rho = root_between(cubics, start[branch], stop[branch])
+    return _Crossings(rho, fan, edge, (after > before)[branch])
 
 
 def cubic(coefficients: Real, rho: Real) -> Real:

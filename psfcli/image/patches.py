@@ -129,8 +129,8 @@ def _rings(telescope: Telescope, field: Field) -> _Rings:
     azimuth = np.linspace(start, stop, _SPOKES + 1)
     rho = np.linspace(telescope.pupil.obscuration, 1.0, _RINGS + 1)
     x, y = (along_fans(fans, rho) for fans in ray_fans(telescope, field, azimuth))
-    along = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0))
-    around = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).max(axis=1) * _SPOKES / (stop - start)
+    along = np.sqrt(np.diff(x, axis=0) ** 2 + np.diff(y, axis=0) ** 2)  # hypot takes five times as long
+    around = np.sqrt(np.diff(x, axis=1) ** 2 + np.diff(y, axis=1) ** 2).max(axis=1) * _SPOKES / (stop - start)
     return _Rings(rho, along.max(axis=1), np.maximum(around[1:], around[:-1]), x[1:], y[1:])
 
 
