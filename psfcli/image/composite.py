@@ -17,6 +17,7 @@ from psfcli.image.blur import interval_integrals, moment_orders, moments_to
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.grid import Detector
 from psfcli.image.narrow_cells import add_narrow, cells_between
+from psfcli.image.patches import rays_around
 from psfcli.image.result import Spot
 from psfcli.image.scatter import Halo
 from psfcli.image.unscattered import Window, unscattered_in_windows
@@ -37,7 +38,8 @@ class CompositeImage:
 
     ``unscattered``, PSF_G in the sub-pixels of ``rows`` and ``columns``, and the estimated ``error`` of it and of
     Gaussians too narrow for moments in the worst sub-pixel, as a fraction of all light. ``unresolved``: the relative
-    error of dark pixels from Gaussians so narrow that the spot would take more rays than are taken.
+    error of dark pixels from Gaussians so narrow that the spot would take more rays than are taken. ``around``: rows
+    and columns, in sub-pixels (2, ray), where some rays land beside the window.
     """
 
     light: Real
@@ -46,6 +48,7 @@ class CompositeImage:
     columns: slice
     error: float
     unresolved: float
+    around: Real
 
     def unscattered_in(self, y: Index, x: Index, oversample: int = 1) -> Real:
         """PSF_G in pixels (y, x) of ``oversample`` sub-pixels a side, shape of both."""
@@ -68,7 +71,9 @@ class CompositeImage:
         """Whether unscattered light touches pixels (y, x) of so many sub-pixels or one of their eight neighbours."""
         i, j = np.mgrid[-1:2, -1:2].reshape(2, -1, 1)
         brightest: Real = self.unscattered_in(y + i, x + j, oversample).max(axis=0)
-        return brightest > 0.0
+        beside = np.floor(self.around / oversample)[..., None]
+        near = (np.abs(beside[0] - y) <= 1) & (np.abs(beside[1] - x) <= 1)
+        return (brightest > 0.0) | near.any(axis=0)
 
 
 def composite_images(
@@ -143,7 +148,9 @@ def _composite_image(
         narrow = add_narrow(light, point, halo, order < 0, unscattered, window, detector, tolerance)
         weight, error, unresolved = weight + narrow.joined, narrow.error, narrow.unresolved
     light[rows, columns] += weight * unscattered
-    return CompositeImage(light, unscattered, rows, columns, weight * doubt + error, unresolved)
+    beside = rays_around(point, detector.bounds(), detector.pixel)
+    around = np.stack([beside.y - edges_y[0], beside.x - edges_x[0]]) / detector.sub_pixel
+    return CompositeImage(light, unscattered, rows, columns, weight * doubt + error, unresolved, around)
 
 
 def _add_by_moments(

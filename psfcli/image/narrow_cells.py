@@ -21,7 +21,7 @@ from psfcli.image.blur import (
 from psfcli.image.blurred import terms_for
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.grid import Detector
-from psfcli.image.patches import ray_count
+from psfcli.image.patches import ray_count, rays_around
 from psfcli.image.scatter import Halo
 from psfcli.image.spot_grid import SpotGrid, spot_grids
 from psfcli.image.unscattered import Window
@@ -68,7 +68,8 @@ def add_narrow(
     edges_x, edges_y = detector.edges(0), detector.edges(1)
     mixture = halo.mixture
     brightest = 9.0 * float(unscattered.max(initial=0.0)) * max(1, 4 * (detector.oversample - 1))
-    brightest = min(max(brightest, _on_border(unscattered, *window, detector.sub_pixels)), 1.0)
+    around = float(rays_around(point, detector.bounds(), detector.sub_pixel).share.sum())
+    brightest = min(max(brightest, around, _on_border(unscattered, *window, detector.sub_pixels)), 1.0)
     free = nearest_dark(point, detector) if halo.unscattered_weight > 0.0 else 0.0
     allowed = narrow_error(mixture, tolerance, free, brightest)
     strict = narrow & (allowed < 1.0)

@@ -76,6 +76,19 @@ def ray_count(image: GeometricalImage, window: Window = EVERYWHERE) -> RayCount:
     )
 
 
+def rays_around(image: GeometricalImage, window: Window, margin: float) -> RayBundle:
+    """Rays of a coarse table that land outside the ``window`` and within ``margin`` [mm] of it, or of each other."""
+    spot, (x_start, x_stop, y_start, y_stop) = image.spot, window
+    if x_start <= spot.x_min and spot.x_max <= x_stop and y_start <= spot.y_min and spot.y_max <= y_stop:
+        return RayBundle(*np.empty((3, 0)))
+    rings = _rings(image.telescope, image.field)
+    start, stop = image.telescope.pupil.sector
+    margin += max(float(rings.radial.max()), float(rings.azimuthal.max()) * (stop - start) / _SPOKES)
+    wide = x_start - margin, x_stop + margin, y_start - margin, y_stop + margin
+    beside = _within(wide, rings.x, rings.y) & ~_within(window, rings.x, rings.y)
+    return RayBundle(rings.share()[beside], rings.x[beside], rings.y[beside])
+
+
 def patches_apart(
     image: GeometricalImage, spacing: float, *, half: bool = False, window: Window = EVERYWHERE
 ) -> Iterator[RayBundle]:
@@ -106,8 +119,8 @@ def patches_apart(
 class _Rings:
     """A table of rings between the pupil radii ``rho`` (n + 1,): how far a ray lands from the next, in the worst place.
 
-    ``radial`` [mm] across the ring, ``azimuthal`` [mm/rad] along it, (n,); ``x`` and ``y`` (n, ray) [mm], where rays of
-    each land.
+    ``radial`` [mm] across the ring, ``azimuthal`` [mm/rad] along it, (n,); ``x`` and ``y`` (n + 1, ray) [mm], where
+    rays of each radius land.
     """
 
     rho: Real
@@ -118,8 +131,12 @@ class _Rings:
 
     def inside(self, window: Window) -> Real:
         """The part of each ring that lands in the ``window``; (n,)."""
-        inside = (self.x >= window[0]) & (self.x <= window[1]) & (self.y >= window[2]) & (self.y <= window[3])
-        return inside.mean(axis=1)
+        return _within(window, self.x[1:], self.y[1:]).mean(axis=1)
+
+    def share(self) -> Real:
+        """The light that each ray stands for, shape (n + 1, ray): by the trapezoid rule it adds to 1."""
+        lit = self.rho * np.append(0.5, np.append(np.ones(self.rho.size - 2), 0.5))
+        return np.broadcast_to((lit / lit.sum())[:, None] / self.x.shape[1], self.x.shape)
 
 
 @lru_cache(maxsize=16)  # every Gaussian of a field asks for them, and a few fields are computed together
@@ -131,7 +148,12 @@ def _rings(telescope: Telescope, field: Field) -> _Rings:
     x, y = (along_fans(fans, rho) for fans in ray_fans(telescope, field, azimuth))
     along = np.sqrt(np.diff(x, axis=0) ** 2 + np.diff(y, axis=0) ** 2)  # hypot takes five times as long
     around = np.sqrt(np.diff(x, axis=1) ** 2 + np.diff(y, axis=1) ** 2).max(axis=1) * _SPOKES / (stop - start)
-    return _Rings(rho, along.max(axis=1), np.maximum(around[1:], around[:-1]), x[1:], y[1:])
+    return _Rings(rho, along.max(axis=1), np.maximum(around[1:], around[:-1]), x, y)
+
+
+def _within(window: Window, x: Real, y: Real) -> NDArray[np.bool_]:
+    inside: NDArray[np.bool_] = (x >= window[0]) & (x <= window[1]) & (y >= window[2]) & (y <= window[3])
+    return inside
 
 
 def _azimuthal_nodes(image: GeometricalImage) -> float:
