@@ -27,6 +27,7 @@ Index = NDArray[np.intp]
 _MOST_FIRST_SLICES = 10_000
 _MOST_SEEN_AT_ONCE = 300_000  # first slices of all groups: half a gigabyte
 _BOXES_TOGETHER = 24
+_SLICES_AT_ONCE = 1024
 _FOLD = 0.05  # of blur over spot: what light a fold holds that just touches an edge blurred as much
 
 
@@ -122,6 +123,7 @@ def _over_azimuths(
                 right[own],
                 np.searchsorted(cut, group[own]),
                 (tolerance * (stop - start))[cut],
+                at_once=_SLICES_AT_ONCE,
             )
             inside[cut, boxes] = np.minimum(rule.integral / (stop - start)[cut, None], whole)
             error[cut] = np.maximum(error[cut], rule.error / (stop - start)[cut])

@@ -15,7 +15,6 @@ Index = NDArray[np.intp]
 
 _LARGEST_PANEL = 64
 _MOST_NODES = 400_000
-_SLICES_AT_ONCE = 1024
 _LEAST_SHARE = 0.1  # few slices hold a kink of any one function: each may use this share of the tolerance
 _BEND = 0.4  # of the change in curvature, in units of a twelfth of the slice: about what a kink there takes
 _PLACE = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # of Simpson's nodes on the halves of a slice
@@ -76,16 +75,16 @@ class Rule:
 
 
 def integrate_adaptively(
-    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: Real
+    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: Real, *, at_once: int
 ) -> Rule:
-    """A rule for the integrals of ``functions`` over slices from ``left`` to ``right``.
+    """A rule for the integrals of ``functions`` over slices from ``left`` to ``right``, about ``at_once`` at a time.
 
     Within ``tolerance`` (groups,) for each function. ``functions(node, group)`` gives (nodes, functions); the slices
     of a ``group`` (0, 1, ...) follow one another. Slices are judged one by one, and many small errors may add up to a
     large one: then their groups are done again, more strictly. An error exceeds the tolerance only where it would
     take more than a reasonable number of nodes. A group's rule is the same whatever other groups there are.
     """
-    rule = _halved_until(functions, left, right, group, tolerance)
+    rule = _halved_until(functions, left, right, group, tolerance, at_once)
     strictness = np.ones(tolerance.size)
     while True:
         loose = (rule.error > tolerance) & (_PLACE.size * _counts(rule.group, tolerance.size) <= _MOST_NODES)
@@ -93,7 +92,7 @@ def integrate_adaptively(
             return rule
         strictness[loose] *= 2.0 * np.maximum(2.0, rule.error[loose] / tolerance[loose])
         some = loose[group]
-        again = _halved_until(functions, left[some], right[some], group[some], tolerance / strictness)
+        again = _halved_until(functions, left[some], right[some], group[some], tolerance / strictness, at_once)
         keep = ~loose[rule.group]
         rule = Rule(
             np.concatenate([rule.left[keep], again.left]),
@@ -105,7 +104,7 @@ def integrate_adaptively(
 
 
 def _halved_until(
-    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: Real
+    functions: Callable[[Real, Index], Real], left: Real, right: Real, group: Index, tolerance: Real, at_once: int
 ) -> Rule:
     """A rule made by halving slices until each is within its share of ``tolerance``.
 
@@ -119,7 +118,7 @@ def _halved_until(
     finished: list[tuple[Real, Real, Index]] = []
     sums = np.zeros((groups, 1))  # of changes and of integrals
     count = np.zeros(groups, dtype=np.intp)
-    for part in _parts(group):  # a few slices at a time, to the end: little is held
+    for part in _parts(group, at_once):  # a few slices at a time, to the end: little is held
         a, b, g = left[part], right[part], group[part]
         fa, fm, fb = _at_ends_and_middles(functions, a, b, g)
         count += 3 * _counts(g, groups)
@@ -161,13 +160,13 @@ def _halved_until(
     )
 
 
-def _parts(group: Index) -> Iterator[slice]:
+def _parts(group: Index, at_once: int) -> Iterator[slice]:
     """The slices of whole groups, a few at a time; those of a large ``group`` in parts of their own."""
     starts = np.flatnonzero(np.diff(group, prepend=-1))
-    pieces = [p for a, b in pairwise([*starts.tolist(), group.size]) for p in range(a, b, _SLICES_AT_ONCE)]
+    pieces = [p for a, b in pairwise([*starts.tolist(), group.size]) for p in range(a, b, at_once)]
     first = 0
     for here, following in pairwise([*pieces, group.size]):
-        if following - first > _SLICES_AT_ONCE:
+        if following - first > at_once:
             yield slice(first, here)
             first = here
     yield slice(first, group.size)

@@ -26,6 +26,7 @@ Window = tuple[slice, slice]  # rows and columns of a grid
 
 _FEWEST_SLICES = 48
 _FANS_AT_ONCE = 512  # whose pieces a processor's cache holds
+_SLICES_AT_ONCE = 384  # each of as many values as there are buckets
 _BUCKETS = 1021  # cells are told apart modulo this when slices are judged
 
 
@@ -68,6 +69,7 @@ def unscattered_in_windows(
             np.concatenate([edges[1:] for edges in slices]),
             np.repeat(np.arange(extended.size), [edges.size - 1 for edges in slices]),
             tolerance[extended] * (stop - start),
+            at_once=_SLICES_AT_ONCE,
         )
         for group, n in enumerate(extended.tolist()):
             known = landings.cells[n] == modulus[n]
