@@ -21,7 +21,7 @@ from truth.rectangle import along_edges, energy_about
 from truth.scatter import scatter_psf_fftlog
 from truth.scenes import judged
 from truth.specular import specular_energy
-from truth.system import TruthSystem, mirror, phase_variance
+from truth.system import TruthSystem, mirror, phase_variance, sigma_for_phase_variance
 
 PAPER = REFERENCE["euv_field05"]
 
@@ -70,6 +70,20 @@ def test_where_a_core_of_multiple_scatter_gives_way_to_a_steep_wing_the_table_is
     exact = [float(scatter_psf_mpmath(system, radius, digits=10)) for radius in r]
     np.testing.assert_allclose(halo.psf(r * r), exact, rtol=5e-11)  # 2e-11 measured
     assert halo.worst < 1e-10
+
+
+def test_between_a_core_and_a_steep_wing_beside_a_faint_wide_term_the_table_is_the_contour_in_mpmath():
+    # near 28 knees rays from the origin have lost their digits, and the cut alone, where the faint term turns h(it) ten
+    # times as fast as the first, cannot go far enough: the table was refused
+    terms = ((3.0, 1.0, 8.0), (1e-8, 0.1, 6.0))  # half-odd orders: quick in mpmath
+    K = mirror(1e-5, 1.0).K
+    rough = ((sigma_for_phase_variance(g, K, 1e-5, B, C), B, C) for g, B, C in terms)
+    system = TruthSystem(1e-5, (mirror(1e-5, 1000.0, *rough),))
+    r = np.array([0.15, 0.28])
+    halo = radial_scatter(system, 3.0)
+    exact = [float(scatter_psf_mpmath(system, radius, digits=10)) for radius in r]
+    np.testing.assert_allclose(halo.psf(r * r), exact, rtol=5e-11)  # 2e-12 measured
+    assert halo.worst < 2e-10
 
 
 def test_contours_agree_where_several_have_digits_left_whatever_the_terms():

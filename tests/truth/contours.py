@@ -1,13 +1,16 @@
-"""S(r) on three contours, in doubles, and what the rounding leaves of it at each radius.
+"""S(r) on four contours, in doubles, and what the rounding leaves of it at each radius.
 
 ``unclipped`` takes, radius by radius, the best of
 
 - rays at an angle, S = 4 Im Int q h(q) K0(-2 pi i q r) dq with h(0) subtracted or not: the core;
-- the cut, S = -4 Int t K0(2 pi r t) Im h(it) dt: the wing, however faint, as nothing there cancels.
+- the cut, S = -4 Int t K0(2 pi r t) Im h(it) dt: the wing, however faint, as nothing there cancels;
+- the cut up to where the integrand is least, and a ray from there, which adds what is left of the core: between the
+  two, where rays from the origin have lost their digits and the cut alone still misses the core.
 
-Trapezoids in the logarithm share their samples among all radii, which lie as far apart as those. ``clipped`` keeps the
-clip at the horizon: the real axis to the last q_c, and a slanted ray from there; for where so much lies beyond the
-horizon that the unclipped S is huge.
+Trapezoids in the logarithm share their samples among all radii, which lie as far apart as those; the last contour has
+panels of its own at each radius, and is tried where the others are poor. ``clipped`` keeps the clip at the horizon: the
+real axis to the last q_c, and a slanted ray from there; for where so much lies beyond the horizon that the unclipped S
+is huge.
 """
 
 from __future__ import annotations
@@ -27,6 +30,12 @@ _LOW, _HIGH = -23.0, 5.5  # of ln(2 pi |q| r)
 _SLANTS = 0.12, 0.2, 0.3  # over pi
 _ROUNDING = 4e-15  # of one sample, relative
 _MOST_TURNS = 20.0  # h(it) oscillates like this argument, which the rule must resolve
+_POOR = 2e-11  # noise of the others from which the bent contour is tried: rays are up to ten times as far off
+_BENDS = np.geomspace(2.0, 100.0, 30)[:, None]  # of 2 pi r t: where the cut may be left
+_PANEL, _MOST_PANELS = 2.0, 60  # the panels' width in 2 pi r |q|, or in the turns of h if those are faster
+_BENT = np.exp(0.2j * np.pi)  # the direction it is left in
+_NODE, _GAUSS = np.polynomial.legendre.leggauss(16)
+_LAST = np.polynomial.legendre.legvander(_NODE, 15)[:, 14:]  # of a panel's polynomials: what they hold tells its error
 
 
 def unclipped(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +68,10 @@ def by_every_contour(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray
     ray, ray_noise = (np.take_along_axis(part[:-1], best, 0)[0] for part in (value, noise))
     apart = np.abs(value[-1] / ray - 1.0)
     noise[-1] = np.where(apart > 3.0 * ray_noise, np.maximum(noise[-1], apart), noise[-1])
-    return value, noise
+    bent, bent_noise = np.zeros(len(log_r)), np.full(len(log_r), np.inf)
+    for i in np.flatnonzero(noise.min(axis=0) > _POOR):
+        bent[i], bent_noise[i] = _bent(system, math.exp(log_r[i]))
+    return np.vstack([value, bent]), np.vstack([noise, bent_noise])
 
 
 def _sums(samples: np.ndarray, kernel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -70,16 +82,8 @@ def _sums(samples: np.ndarray, kernel: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def _on_the_cut(system: TruthSystem, t: np.ndarray, x: np.ndarray, radii: int) -> tuple[np.ndarray, np.ndarray]:
     """S from Im h(it), and its noise: the rounding, and the smallest sample beyond the peak, where the sum must end."""
-    real, imaginary = np.zeros_like(t), np.zeros_like(t)
-    widest = max(system.wavelength * s.d / term.B for s in system.surfaces for term in s.terms)
-    resolved = 2.0 * np.pi * widest * t < _MOST_TURNS
-    for s in system.surfaces:
-        for term in s.terms:
-            fallen, part = correlation_on_the_cut(
-                2.0 * np.pi * system.wavelength * s.d * t / term.B, 0.5 * (term.C - 1.0)
-            )
-            real -= (s.K * term.sigma) ** 2 * fallen
-            imaginary += (s.K * term.sigma) ** 2 * part
+    resolved = 2.0 * np.pi * _widest_knee(system) * t < _MOST_TURNS
+    real, imaginary = _exponent_on_the_cut(system, t)
     samples = -4.0 * STEP * t * t * np.exp(_log_height(system) + real) * np.sin(imaginary)
     # h(it) swings between huge and tiny: the envelope of what has been is no accident
     envelope = np.minimum(np.maximum.accumulate(np.abs(imaginary)), 1.0)
@@ -96,6 +100,55 @@ def _on_the_cut(system: TruthSystem, t: np.ndarray, x: np.ndarray, radii: int) -
         value[m] = np.sum(shifted[m, :end] * kernel[:end])
         noise[m] = _ROUNDING * np.sum(size[:end]) + 100.0 * size[end]
     return value, noise
+
+
+def _bent(system: TruthSystem, r: float) -> tuple[float, float]:
+    """(S [1/mm^2], relative noise and error) by the cut from q = 0 to the bend, and the ray from there.
+
+    On the cut nothing cancels, and what the ray adds is as small as the integrand is near the saddle that the core
+    comes from. Both integrands may have any constant subtracted from h, h(0) here.
+    """
+    # h turns once as 2 pi r |q| grows by this, however faint the term of the widest knee
+    turn = min(1.0, r / _widest_knee(system))
+    if (most := _MOST_PANELS * _PANEL * turn) < _BENDS[0]:
+        return 0.0, math.inf
+    bend = _bend(system, r, most)
+    z, weight = _panels([*np.exp(np.arange(_LOW, math.log(turn))), *np.arange(turn, bend, _PANEL * turn), bend])
+    real, imaginary = _exponent_on_the_cut(system, z / (2.0 * np.pi * r))
+    up = -z * kve(0, z) * np.exp(_log_height(system) + real - z) * np.sin(imaginary)
+    last = 45.0 / _BENT.imag
+    graded = turn * np.expm1(0.4 * np.arange(1.0 + math.log1p(2.0 * _PANEL / turn) / 0.4))
+    along, along_weight = _panels([*graded, *np.arange(graded[-1] + _PANEL, last, _PANEL), last])
+    z = 1j * bend + _BENT * along
+    h = math.exp(_log_height(system)) * np.expm1(-_exponents(system, z / (2.0 * np.pi * r))[0])
+    away = _BENT * z * kve(0, -1j * z) * np.exp(1j * z) * h
+    # per panel: what the last Legendre coefficients hold is as much as the rule may have missed
+    up, away = (w * samples.reshape(-1, len(_NODE)) for samples, w in ((up, weight), (away, along_weight)))
+    total = float(up.sum() + away.imag.sum())
+    noise = sum(_ROUNDING * np.abs(part).sum() + np.abs(part @ _LAST).sum() for part in (up, away))
+    if not (math.isfinite(noise) and total > 0.0):
+        return 0.0, math.inf
+    return total / (np.pi * r) ** 2, float(noise) / total
+
+
+def _bend(system: TruthSystem, r: float, most: float) -> float:
+    """The 2 pi r t, up to ``most``, that keeps the highest point of the way lowest.
+
+    Far out that is beyond all that counts; nearer, the saddle, or before it where it lies off the cut.
+    """
+    real, imaginary = _exponent_on_the_cut(system, _BENDS / (2.0 * np.pi * r))
+    up = np.maximum(real, 0.0) + np.log(np.minimum(np.abs(imaginary), 1.0)) + 2.0 * np.log(_BENDS) - _BENDS
+    z = 1j * _BENDS + _BENT * np.append(0.0, np.geomspace(0.1, 50.0, 30))
+    fallen = _exponents(system, z / (2.0 * np.pi * r))[0]
+    away = np.maximum(-fallen.real, 0.0) + np.log(np.minimum(np.abs(fallen), 1.0)) + 2.0 * np.log(np.abs(z)) - z.imag
+    highest = np.logaddexp(np.maximum.accumulate(up)[:, 0], away.max(axis=1))
+    return float(_BENDS[np.argmin(np.where(_BENDS[:, 0] <= most, highest, np.inf)), 0])
+
+
+def _panels(edges: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of Gauss panels between the edges, in one row, and their weights, shape [panel, node]."""
+    half = 0.5 * np.diff(edges)[:, None]
+    return (np.array(edges)[:-1, None] + half * (1.0 + _NODE)).ravel(), half * _GAUSS
 
 
 def clipped(system: TruthSystem, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -134,6 +187,22 @@ def _exponents(system: TruthSystem, q: np.ndarray) -> tuple[np.ndarray, np.ndarr
             fallen += (s.K * t.sigma) ** 2 * parts[0]
             left += (s.K * t.sigma) ** 2 * parts[1]
     return fallen, left
+
+
+def _exponent_on_the_cut(system: TruthSystem, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Real and imaginary part of ln [h(it)/h(0)], h with the unscattered light."""
+    real, imaginary = np.zeros_like(t), np.zeros_like(t)
+    for s in system.surfaces:
+        for term in s.terms:
+            x, nu = 2.0 * np.pi * system.wavelength * s.d * t / term.B, 0.5 * (term.C - 1.0)
+            fallen, part = correlation_on_the_cut(x, nu)
+            real -= (s.K * term.sigma) ** 2 * fallen
+            imaginary += (s.K * term.sigma) ** 2 * part
+    return real, imaginary
+
+
+def _widest_knee(system: TruthSystem) -> float:
+    return max(system.wavelength * s.d / t.B for s in system.surfaces for t in s.terms)
 
 
 def _log_height(system: TruthSystem) -> float:
