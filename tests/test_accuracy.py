@@ -20,6 +20,9 @@ CURED = {  # (seed, number): once beyond their accuracy, or told to be
     (102, 19): "a spot across an edge, its cores narrower than a sub-pixel and as wide as itself",
     (103, 18): "a spot that distortion puts far beside the window",
     (104, 9): "a flat wing in a large square",
+    (11, 842): "a spot that the rays about the window cut into few cells",
+    (11, 79): "a spot beside a window of one pixel, nearer to it than a sub-pixel",
+    (11, 442): "light that lands just beside the window",
 }
 FALL_SHORT: dict[int, str] = {}  # the draws that end with exit code 3, and their limit: at most 2 %
 

@@ -293,6 +293,20 @@ def test_defocus_in_a_sector_is_a_sector_of_a_disc(obscuration):
         assert seen == pytest.approx(exact / (0.5 * (1.0 - obscuration**2)), rel=1e-7)
 
 
+def test_graded_rays_are_as_close_as_asked_where_they_turn_back():
+    """A fan that moves out from the axis and back by its end, through a Gaussian: its ends are not far apart."""
+    radius = 0.05
+    point = produced(case_of((0.0, 0.0), 0.0, W020=-0.5 * radius * SLOPE, W040=0.25 * radius * SLOPE))
+    width = 0.1 * radius
+
+    def blurred(rho: float) -> float:
+        return 2.0 * rho * math.exp(-0.5 * (radius * (rho - rho**3) / width) ** 2)
+
+    rays = graded_rays(point, lambda x, _: np.full_like(x, 0.5 * width), 9)
+    seen = rays.share @ np.exp(-0.5 * (rays.x**2 + rays.y**2) / width**2)
+    assert seen == pytest.approx(integrate.quad(blurred, 0.0, 1.0, epsabs=1e-14)[0], rel=1e-9)
+
+
 @pytest.mark.parametrize("sector", [None, (0.3, 2.1)], ids=["annulus", "sector"])
 @pytest.mark.parametrize("place", [0.0, 0.5])
 def test_rays_are_as_close_as_asked_about_the_pupils_centre_too(sector, place):

@@ -150,7 +150,7 @@ def test_the_judge_agrees_at_the_limits(name):
 def test_enormous_aberrations_end_and_tell_what_they_reached(run, factor):
     result = run(**enormous(factor), **DRAFT)
     assert result.psf.min() > 0.0
-    # spots of up to a metre: exit code 3 is right where four million rays do not resolve the core
+    # spots of up to a metre: exit code 3 is right where six million rays do not resolve the core
     assert factor > 300.0 or result.reached[0].pixel <= 3e-2
 
 

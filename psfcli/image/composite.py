@@ -39,7 +39,8 @@ class CompositeImage:
     ``unscattered``, PSF_G in the sub-pixels of ``rows`` and ``columns``, and the estimated ``error`` of it and of
     Gaussians too narrow for moments in the worst sub-pixel, as a fraction of all light. ``unresolved``: the relative
     error of dark pixels from Gaussians so narrow that the spot would take more rays than are taken. ``around``: rows
-    and columns, in sub-pixels (2, ray), where some rays land beside the window.
+    and columns, in sub-pixels (2, ray), where some rays land within a pixel of the window's edge but outside it;
+    ``beside``: their share of all light.
     """
 
     light: Real
@@ -49,6 +50,7 @@ class CompositeImage:
     error: float
     unresolved: float
     around: Real
+    beside: float
 
     def unscattered_in(self, y: Index, x: Index, oversample: int = 1) -> Real:
         """PSF_G in pixels (y, x) of ``oversample`` sub-pixels a side, shape of both."""
@@ -150,7 +152,9 @@ def _composite_image(
     light[rows, columns] += weight * unscattered
     beside = rays_around(point, detector.bounds(), detector.pixel)
     around = np.stack([beside.y - edges_y[0], beside.x - edges_x[0]]) / detector.sub_pixel
-    return CompositeImage(light, unscattered, rows, columns, weight * doubt + error, unresolved, around)
+    return CompositeImage(
+        light, unscattered, rows, columns, weight * doubt + error, unresolved, around, float(beside.share.sum())
+    )
 
 
 def _add_by_moments(

@@ -18,12 +18,13 @@ Real = NDArray[np.float64]
 
 _FIRST_RADII, _FIRST_AZIMUTHS = 1, 8
 _MOST_CELLS = 200_000
+_SEEN_AT = np.linspace(-1.0, 1.0, 5)  # of a cell, either way: rays that turn back hide from fewer
 
 
 def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real], nodes: int) -> RayBundle:
     """Rays about ``spacing(x, y)`` [mm] apart where they land at (x, y), counted from the Gaussian image point.
 
-    ``nodes`` of each cell, either way, in cells at most ``nodes`` - 1 spacings wide.
+    ``nodes`` of each cell, either way, in cells at most ``nodes`` - 1 spacings wide by how fast rays move at most.
     """
     start, stop = image.telescope.pupil.sector
     inner = image.telescope.pupil.obscuration
@@ -32,9 +33,8 @@ def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real], 
     cells = np.array([(*r[i : i + 2], *a[j : j + 2]) for i in range(_FIRST_RADII) for j in range(_FIRST_AZIMUTHS)])
     done: list[Real] = []
     while cells.size:
-        x, y = _landing(image, cells, np.array([-1.0, 0.0, 1.0]))
-        along = np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)).sum(axis=1).max(axis=1)
-        around = np.hypot(np.diff(x, axis=2), np.diff(y, axis=2)).sum(axis=2).max(axis=1)
+        x, y = _landing(image, cells, _SEEN_AT)
+        along, around = (_fastest_path(x, y, axis) for axis in (1, 2))
         allowed = (nodes - 1) * spacing(x, y).min(axis=(1, 2))
         fits = (np.maximum(along, around) <= allowed) | (sum(len(d) for d in done) + len(cells) > _MOST_CELLS)
         done.append(cells[fits])
@@ -52,6 +52,16 @@ def graded_rays(image: GeometricalImage, spacing: Callable[[Real, Real], Real], 
         area[:, None, None] * _between(cells[:, :2], node)[:, :, None] * np.multiply.outer(0.5 * weight, 0.5 * weight)
     )
     return RayBundle(share.ravel(), x.ravel(), y.ravel())
+
+
+def _fastest_path(x: Real, y: Real, axis: int) -> Real:
+    """How far rays would move across each cell along an ``axis`` if they moved everywhere as fast as anywhere in it.
+
+    The path itself tells too little: nodes are spread evenly in the pupil and not in the image.
+    """
+    steps = np.hypot(np.diff(x, axis=axis), np.diff(y, axis=axis))
+    path: Real = steps.shape[axis] * steps.max(axis=(1, 2))
+    return path
 
 
 def _landing(image: GeometricalImage, cells: Real, node: Real) -> tuple[Real, Real]:

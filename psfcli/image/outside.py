@@ -33,7 +33,8 @@ _DECADES_BEYOND = 3.0  # of q below the farthest distance
 _CORNER_NODES, _FEW_NODES = 48, 16  # for corners however far along an edge, and within _SHORT
 _SHORT = 3.0  # of asinh(far/near)
 _RAYS_AT_ONCE = 512
-_FEWEST_RAYS = 4  # of a cell, either way; one more for each digit asked for beyond 1e-5
+_FEWEST_RAYS = 4  # of a cell, either way
+_MORE_RAYS = 1  # than digits asked for: where the spot is a few cells, measured, they leave a tenth of the tolerance
 _CELL_SHARE = 0.9  # of the distance to the nearest edge: how wide a cell of rays may be
 _SHARE = 0.3  # of the tolerance, for the narrow cores between the rays
 
@@ -124,7 +125,7 @@ def outside_window(
         cell, _ = unscattered_on_grid(point, edges_x, edges_y, 0.3 * tolerance.ee / halo.specular_fraction)
         outside += halo.specular_fraction * (1.0 - float(cell[0, 0]))
     if encircled is not None:
-        rays = max(_FEWEST_RAYS, math.ceil(-math.log10(tolerance.ee)) - 1)
+        rays = max(_FEWEST_RAYS, math.ceil(-math.log10(tolerance.ee)) + _MORE_RAYS)
         inside = _scattered_inside(point, encircled, _closest(halo, tolerance), rays, window)
         outside += (1.0 - halo.specular_fraction) - inside
     return outside

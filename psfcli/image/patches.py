@@ -32,7 +32,7 @@ from psfcli.telescope.system import Field, Telescope
 Real = NDArray[np.float64]
 Window = tuple[float, float, float, float]  # x_start, x_stop, y_start, y_stop [mm]
 
-MOST_RAYS = 4_000_000
+MOST_RAYS = 6_000_000
 EVERYWHERE: Window = (-math.inf, math.inf, -math.inf, math.inf)
 _GAUSS = 1.67  # on panels of LARGEST_PANEL nodes; measured for errors from 1e-3 to 1e-10
 _SIDE = 8  # rays of a patch along the radius, at most, and along the azimuth

@@ -211,7 +211,7 @@ def _probed_error(
             )
         )
     centre_x, centre_y, width, allowance, unscattered, light = np.concatenate(probes, axis=1)
-    brightest = min(detector.oversample**2 * float(image.unscattered.max(initial=0.0)), 1.0)
+    brightest = min(detector.oversample**2 * float(image.unscattered.max(initial=0.0)) + image.beside, 1.0)
     truth = unscattered + scattered_in_cells(
         point,
         mixture,
