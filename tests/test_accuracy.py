@@ -14,15 +14,14 @@ CURED = {  # (seed, number): once beyond their accuracy, or told to be
     (7, 42): "many cores narrower than a sub-pixel",
     (1, 31): "a clip at the horizon that takes less than rounding from 1",
     (11, 27): "a spot that just misses the window",
+    (11, 79): "a pixel in a disc's hole, its corner nearer to the rim than a sub-pixel",
     (11, 442): "a window in the hole of a ring of light",
+    (11, 842): "a spot that the rays about the window cut into few cells",
     (101, 37): "a mixture that errs as little as one ten times finer",
     (101, 39): "a halo that reaches just to the corners of the largest square",
     (102, 19): "a spot across an edge, its cores narrower than a sub-pixel and as wide as itself",
     (103, 18): "a spot that distortion puts far beside the window",
     (104, 9): "a flat wing in a large square",
-    (11, 842): "a spot that the rays about the window cut into few cells",
-    (11, 79): "a spot beside a window of one pixel, nearer to it than a sub-pixel",
-    (11, 442): "light that lands just beside the window",
 }
 FALL_SHORT: dict[int, str] = {}  # the draws that end with exit code 3, and their limit: at most 2 %
 
