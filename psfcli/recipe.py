@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -119,11 +119,14 @@ def images(scene: Plan) -> Iterator[tuple[int, int, FieldImage]]:
 
 
 def _parts(scene: Plan) -> Iterator[Sequence[Computation]]:
-    """The computations of one wavelength, a few at a time, then those of the next."""
+    """The computations of one wavelength, a few at a time and as many for each process, then those of the next."""
+    jobs, most = scene.resources.jobs, scene.resources.together
     for _, same in groupby(scene.computations, key=lambda computation: computation.wavelength_index):
         together = list(same)
-        for first in range(0, len(together), scene.resources.together):
-            yield together[first : first + scene.resources.together]
+        count = min(jobs * math.ceil(len(together) / (jobs * most)), len(together))
+        bounds = [len(together) * n // count for n in range(count + 1)]
+        for first, last in pairwise(bounds):
+            yield together[first:last]
 
 
 def as_asked_for(scene: Plan, computation: Computation, image: FieldImage) -> Iterator[tuple[int, int, FieldImage]]:
