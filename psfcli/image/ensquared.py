@@ -12,7 +12,7 @@ from psfcli.image.boxes import unscattered_in_boxes
 from psfcli.image.geometric import GeometricalImage
 from psfcli.image.result import EnsquaredEnergy, Spot
 from psfcli.image.scatter import Halo
-from psfcli.image.squares import SquareResponse
+from psfcli.image.squares import JudgedSquares
 from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
@@ -38,24 +38,27 @@ def box_centres(spot: Spot) -> tuple[tuple[float, float], ...]:
 
 
 def ensquared_energy(
-    points: Sequence[GeometricalImage], halo: Halo, squares: SquareResponse, tolerance: Tolerance
-) -> Iterator[tuple[EnsquaredEnergy, dict[tuple[float, float], Real], float]]:
+    points: Sequence[GeometricalImage],
+    halo: Halo,
+    squares: JudgedSquares,
+    tolerance: Tolerance,
+    finer_tolerance: float,
+) -> Iterator[tuple[EnsquaredEnergy, float, float]]:
     """Energies in the ``squares``, of the ``halo``'s mixture, about each of the ``box_centres``, for each point.
 
-    Within ``tolerance.ee``. With each come the scattered light about each distinct centre, shape [box], and the
-    estimated error of the unscattered light in any box; both as fractions of all light.
+    Within ``tolerance.ee``. With each come the estimated errors of the unscattered light in any box and of the
+    scattered light, which is judged by ``finer_tolerance``; both as fractions of all light.
     """
     distinct = [list(dict.fromkeys(box_centres(point.spot))) for point in points]
-    half_width, weight = squares.half_width, halo.unscattered_weight
+    half_width, weight = squares.used.half_width, halo.unscattered_weight
     if weight > 0.0:
         unscattered = unscattered_in_boxes(points, distinct, half_width, 0.5 * tolerance.ee / weight)
     else:
         unscattered = [(np.zeros((len(some), half_width.size)), 0.0) for some in distinct]
     unaberrated = np.minimum(unaberrated_energy(halo, half_width), 1.0)
     for point, some, (inside, error) in zip(points, distinct, unscattered, strict=True):
-        scattered = squares.energy(point, some, tolerance.ee)
+        scattered, difference = squares.energy(point, some, tolerance.ee, finer_tolerance)
         # a box that holds all may come out above 1 by the error allowed
         energy = dict(zip(some, np.minimum(scattered + weight * inside, 1.0), strict=True))
         ee, chief, centroid = (energy[centre] for centre in box_centres(point.spot))
-        about = dict(zip(some, scattered, strict=True))
-        yield EnsquaredEnergy(half_width, ee, chief, centroid, unaberrated), about, weight * error
+        yield EnsquaredEnergy(half_width, ee, chief, centroid, unaberrated), weight * error, difference

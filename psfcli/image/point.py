@@ -18,7 +18,7 @@ from psfcli.image.narrow_cells import narrow_error, nearest_dark
 from psfcli.image.outside import EncircledEnergy, encircled_energy, outside_window
 from psfcli.image.result import EnsquaredEnergy, FieldImage, Spot
 from psfcli.image.scatter import Halo, scattered_light
-from psfcli.image.squares import SquareResponse, square_response
+from psfcli.image.squares import JudgedSquares, square_response
 from psfcli.surface.surface import Surface
 from psfcli.telescope.system import Field, Telescope
 from psfcli.tolerance import Tolerance
@@ -39,17 +39,14 @@ _ROUNDING = 1e-12  # of a length: the halo may reach just to the corners of the 
 class WavelengthScatter:
     """The scattered light at one wavelength: as used, ``finer`` to judge it by, and its energy by another road.
 
-    ``squares`` are the boxes of the ensquared energy, ``judged`` the places of some of them and ``judge`` the finer
-    light in these. ``energy_error`` is the largest difference between the two in any box without aberrations, as a
-    fraction of all light; ``density_error`` holds distances [mm] and how their densities differ
-    there, relative.
+    ``squares`` are the boxes of the ensquared energy. ``energy_error`` is the largest difference between the two in any
+    box without aberrations, as a fraction of all light; ``density_error`` holds distances [mm] and how their densities
+    differ there, relative.
     """
 
     halo: Halo
     finer: Halo
-    squares: SquareResponse
-    judged: slice
-    judge: SquareResponse
+    squares: JudgedSquares
     energy_error: float
     density_error: tuple[Real, Real]
     encircled: EncircledEnergy | None
@@ -72,14 +69,17 @@ def wavelength_scatter(
     halo = scattered_light(surfaces, telescope, wavelength, reach, tolerance)
     finer = scattered_light(surfaces, telescope, wavelength, reach, _finer(tolerance, _TERMS_REFINEMENT))
     rough = halo.mixture.weight.size > 0
-    judged = slice(0, None, max(1, half_width.size // _JUDGED_BOXES))
+    places = slice(0, None, max(1, half_width.size // _JUDGED_BOXES))
+    squares = JudgedSquares(
+        used=replace(square_response(halo.mixture, halo.held(half_width)), half_width=half_width),
+        finer=square_response(finer.mixture, finer.held(half_width[places])),
+        places=places,
+    )
     difference = np.abs(unaberrated_energy(halo, half_width) - unaberrated_energy(finer, half_width))
     return WavelengthScatter(
         halo=halo,
         finer=finer,
-        squares=replace(square_response(halo.mixture, halo.held(half_width)), half_width=half_width),
-        judged=judged,
-        judge=square_response(finer.mixture, finer.held(half_width[judged])),
+        squares=squares,
         energy_error=max(float(difference.max(initial=0.0)), _beyond(finer, half_width)) if rough else 0.0,
         density_error=_density_error(halo, finer, reach) if rough else (np.zeros(1), np.zeros(1)),
         encircled=encircled_energy(surfaces, telescope, wavelength, reach, tolerance) if rough and with_cube else None,
@@ -104,14 +104,12 @@ def field_images(
 ) -> Iterator[FieldImage]:
     """The images of ``fields``: ensquared energy, errors reached and, ``with_cube``, pixels and the light outside."""
     points = geometrical_images(telescope, fields)
-    energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance)
-    images = composite_images(points, scatter.halo, detector, tolerance) if with_cube else [None] * len(points)
     whole = float(np.abs(scatter.finer.mixture.weight).sum())
-    for point, image, (ensquared, scattered, error) in zip(points, images, energies, strict=True):
-        centres = list(scattered)
-        truth = scatter.judge.energy(point, centres, min(tolerance.ee / _REFINEMENT, _JUDGED_SHARE * whole))
-        used = np.array([scattered[centre][scatter.judged] for centre in centres])
-        error += max(float(np.max(np.abs(used - truth), initial=0.0)), scatter.energy_error)
+    finer = min(tolerance.ee / _REFINEMENT, _JUDGED_SHARE * whole)
+    energies = ensquared_energy(points, scatter.halo, scatter.squares, tolerance, finer)
+    images = composite_images(points, scatter.halo, detector, tolerance) if with_cube else [None] * len(points)
+    for point, image, (ensquared, error, difference) in zip(points, images, energies, strict=True):
+        error += max(difference, scatter.energy_error)
         yield _field_image(point, image, ensquared, error, scatter, detector, tolerance)
 
 
@@ -128,7 +126,7 @@ def _field_image(
     halo = scatter.halo
     psf = psf_over = outside = None
     pixel_error = 0.0
-    ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.half_width.min(initial=math.inf)))
+    ee_error += halo.left_energy + halo.collapse_error(float(scatter.squares.used.half_width.min(initial=math.inf)))
     if image is not None:
         fine = image.light
         farthest = _farthest(point.spot, detector)

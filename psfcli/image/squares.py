@@ -44,14 +44,15 @@ class SquareResponse:
     response: Real
     remainder: Real
 
-    def energy(self, point: GeometricalImage, centres: Sequence[tuple[float, float]], tolerance: float) -> Real:
+    def energy(
+        self, point: GeometricalImage, centres: Sequence[tuple[float, float]], moments: Real, tolerance: float
+    ) -> Real:
         """The scattered light in each square about each of the ``centres``, of all light, within ``tolerance``.
 
-        Shape [centre, box].
+        Shape [centre, box]. ``moments`` are the spot's ``even_moments`` about the same centres.
         """
         if self.mixture.weight.size == 0 or self.half_width.size == 0:
             return np.zeros((len(centres), self.half_width.size))
-        moments = _even_moments(point, centres)
         first = int(np.count_nonzero(self.remainder * _last_order(moments) > _SHARE * tolerance))
         a, b = np.array(_PAIRS).T // 2
         paired = moments[:, a, b] + np.where(a != b, moments[:, b, a], 0.0)
@@ -63,6 +64,27 @@ class SquareResponse:
                 point, narrow, centres, self.half_width, error, np.full(len(centres), _SHARE * tolerance)
             )
         return energy
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedSquares:
+    """Squares whose light comes twice: as ``used`` in all, and from a ``finer`` mixture in those at some ``places``."""
+
+    used: SquareResponse
+    finer: SquareResponse
+    places: slice
+
+    def energy(
+        self, point: GeometricalImage, centres: Sequence[tuple[float, float]], tolerance: float, finer_tolerance: float
+    ) -> tuple[Real, float]:
+        """The scattered light in the squares about each of the ``centres``, [centre, box], and how far the two differ.
+
+        Each within its tolerance, of all light.
+        """
+        moments = even_moments(point, centres)
+        energy = self.used.energy(point, centres, moments, tolerance)
+        truth = self.finer.energy(point, centres, moments, finer_tolerance)
+        return energy, float(np.max(np.abs(energy[:, self.places] - truth), initial=0.0))
 
 
 def square_response(mixture: GaussianMixture, half_width: Real) -> SquareResponse:
@@ -81,7 +103,7 @@ def square_response(mixture: GaussianMixture, half_width: Real) -> SquareRespons
     )
 
 
-def _even_moments(point: GeometricalImage, centres: Sequence[tuple[float, float]]) -> Real:
+def even_moments(point: GeometricalImage, centres: Sequence[tuple[float, float]]) -> Real:
     """E[dx^a dy^b]/(a! b!) about each of the ``centres`` for even a and b: shape (centre, a/2, b/2)."""
     rays = point.rays
     x, y = (
