@@ -26,6 +26,7 @@ from psfcli.image.geometric import (
     ray_fans,
 )
 from psfcli.image.quadrature import gauss_legendre
+from psfcli.image.result import Spot
 from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Telescope
 
@@ -78,12 +79,12 @@ def ray_count(image: GeometricalImage, window: Window = EVERYWHERE) -> RayCount:
 
 def rays_around(image: GeometricalImage, window: Window, margin: float) -> RayBundle:
     """Rays of a coarse table that land outside the ``window`` and within ``margin`` [mm] of it, or of each other."""
-    spot, (x_start, x_stop, y_start, y_stop) = image.spot, window
-    if x_start <= spot.x_min and spot.x_max <= x_stop and y_start <= spot.y_min and spot.y_max <= y_stop:
+    if _holds(window, image.spot):
         return RayBundle(*np.empty((3, 0)))
     rings = _rings(image.telescope, image.field)
     start, stop = image.telescope.pupil.sector
     margin += max(float(rings.radial.max()), float(rings.azimuthal.max()) * (stop - start) / _SPOKES)
+    x_start, x_stop, y_start, y_stop = window
     wide = x_start - margin, x_stop + margin, y_start - margin, y_stop + margin
     beside = _within(wide, rings.x, rings.y) & ~_within(window, rings.x, rings.y)
     return RayBundle(rings.share()[beside], rings.x[beside], rings.y[beside])
@@ -100,6 +101,8 @@ def patches_apart(
     if image.telescope.seidel == SeidelTable():
         yield RayBundle(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
         return
+    if _holds(window, image.spot):
+        window = EVERYWHERE
     rings = _rings(image.telescope, image.field)
     path = np.append(0.0, np.cumsum(np.maximum(rings.radial, _SLOWEST * rings.radial.max())))
     start, stop = image.telescope.pupil.sector
@@ -151,6 +154,12 @@ def _rings(telescope: Telescope, field: Field) -> _Rings:
     return _Rings(rho, along.max(axis=1), np.maximum(around[1:], around[:-1]), x, y)
 
 
+def _holds(window: Window, spot: Spot) -> bool:
+    """Whether no ray lands outside the ``window``."""
+    x_start, x_stop, y_start, y_stop = window
+    return x_start <= spot.x_min and spot.x_max <= x_stop and y_start <= spot.y_min and spot.y_max <= y_stop
+
+
 def _within(window: Window, x: Real, y: Real) -> NDArray[np.bool_]:
     inside: NDArray[np.bool_] = (x >= window[0]) & (x <= window[1]) & (y >= window[2]) & (y <= window[3])
     return inside
@@ -182,8 +191,10 @@ def _ring(
     rho, lit, slice_weight = rho.reshape(-1, side), lit.reshape(-1, side), slice_weight.reshape(-1, _SIDE)
     fans = np.stack(ray_fans(image.telescope, image.field, azimuth)).reshape(2, 4, -1, _SIDE)
     row, column = np.indices((len(rho), len(slice_weight))).reshape(2, -1)
-    few_radii, few_fans = rho[:, [0, side // 2, -1]], fans[..., [0, _SIDE // 2, -1]]
-    seen = np.flatnonzero(_near_window(*_landing(few_fans[:, :, column], few_radii[row]), spacing, window))
+    seen = np.arange(row.size)
+    if window != EVERYWHERE:
+        few_radii, few_fans = rho[:, [0, side // 2, -1]], fans[..., [0, _SIDE // 2, -1]]
+        seen = np.flatnonzero(_near_window(*_landing(few_fans[:, :, column], few_radii[row]), spacing, window))
     for first in range(0, seen.size, _PATCHES_AT_ONCE):
         some = seen[first : first + _PATCHES_AT_ONCE]
         rows, columns = row[some], column[some]
