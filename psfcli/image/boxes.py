@@ -28,6 +28,7 @@ _MOST_FIRST_SLICES = 10_000
 _MOST_SEEN_AT_ONCE = 300_000  # first slices of all groups: half a gigabyte
 _BOXES_TOGETHER = 24
 _SLICES_AT_ONCE = 1024
+_APART = 3.0  # distances: how far apart neighbouring fans pass, those on either side of the origin too
 _FOLD = 0.05  # of blur over spot: what light a fold holds that just touches an edge blurred as much
 
 
@@ -112,7 +113,9 @@ def _over_azimuths(
 
         extent = np.maximum([each.farthest for each in about], max(smooth, np.finfo(np.float64).tiny))
         seen = np.maximum(tolerance / whole, _FOLD * smooth / extent)
-        left, right, group = _slices_about(fans, inner, start, stop, seen)
+        # an area the size of a square holds its square, a line its length
+        smallest = np.clip(half_width[0] / extent, seen, np.sqrt(seen))
+        left, right, group = _slices_about(fans, inner, start, stop, seen, smallest)
         # boxes share fans, and each brings its kinks to the others: as many for any points that come together
         for first in range(0, int(some.max()), _BOXES_TOGETHER):
             boxes, cut = slice(first, first + _BOXES_TOGETHER), np.flatnonzero(some > first)
@@ -157,11 +160,17 @@ class _About:
 
 
 def _slices_about(
-    fans: Callable[[Real, Index], tuple[Real, Real]], inner: float, start: Real, stop: Real, tolerance: Real
+    fans: Callable[[Real, Index], tuple[Real, Real]],
+    inner: float,
+    start: Real,
+    stop: Real,
+    tolerance: Real,
+    smallest: Real,
 ) -> tuple[Real, Real, Index]:
     """First slices (left, right, group) for boxes about the origin of each group, where they shrink to nothing.
 
-    Slices whose fans pass at a distance d are no wider there than d, down to boxes that hold less than the tolerance.
+    Slices whose fans pass at a distance d are not much wider there than d, down to the ``smallest`` (groups,) box, a
+    part of the farthest ray's distance.
     """
     counts = [min(slice_count(a, b, t), _MOST_SEEN_AT_ONCE) for a, b, t in zip(start, stop, tolerance, strict=True)]
     together = np.cumsum(counts) // _MOST_SEEN_AT_ONCE  # as many groups as memory allows
@@ -169,7 +178,7 @@ def _slices_about(
     for some in (np.flatnonzero(together == this) for this in np.unique(together)):
         bounds = np.concatenate([np.linspace(start[n], stop[n], counts[n] + 1) for n in some])
         group = np.repeat(some, np.array(counts)[some] + 1)
-        found.append(_no_wider_than_distant(fans, inner, bounds, group, np.sqrt(tolerance)))
+        found.append(_no_wider_than_distant(fans, inner, bounds, group, smallest))
     left, right, group = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return left, right, group
 
@@ -179,7 +188,7 @@ def _no_wider_than_distant(
 ) -> tuple[Real, Real, Index]:
     """Slices (left, right, group) between neighbouring ``bound`` of a ``group``, halved where they are wide.
 
-    Where fans pass at a distance d of the origin slices are no wider than d, or than ``least`` (groups,) of the
+    Where fans pass at a distance d of the origin slices are no wider than three times d, or ``least`` (groups,) of the
     farthest ray; a group of _MOST_FIRST_SLICES is halved no more.
     """
     rho = np.linspace(inner, 1.0, 33)
@@ -197,7 +206,7 @@ def _no_wider_than_distant(
         closest = np.maximum(closest, (least * farthest)[group])
         width = _length(x[:, 1:] - x[:, :-1], y[:, 1:] - y[:, :-1])
         slices = np.flatnonzero(group[1:] == group[:-1])
-        wide = np.any(width > 2.0 * np.maximum(closest[:, 1:], closest[:, :-1]), axis=0)
+        wide = np.any(width > _APART * np.minimum(closest[:, 1:], closest[:, :-1]), axis=0)
         split = slices[wide[slices] & (np.bincount(group) <= _MOST_FIRST_SLICES)[group[slices]]]
         if split.size == 0:
             return bound[slices], bound[slices + 1], group[slices]

@@ -24,7 +24,7 @@ Index = NDArray[np.intp]
 Assignment = tuple[Index, Real]  # cells of pieces (-1: none) and the part of each piece's share that lands there
 Window = tuple[slice, slice]  # rows and columns of a grid
 
-_FEWEST_SLICES = 48
+_FEWEST_SLICES = 20.0  # for each radian
 _FANS_AT_ONCE = 512  # whose pieces a processor's cache holds
 _SLICES_AT_ONCE = 384  # each of as many values as there are buckets
 _BUCKETS = 1021  # cells are told apart modulo this when slices are judged
@@ -177,7 +177,7 @@ def slice_count(start: float, stop: float, tolerance: float) -> int:
     Such a fold, delta wide in azimuth, holds about delta^2/2. Four fans are seen of each slice. A multiple of 4: slices
     end where fans jump from one side of an edge to the other.
     """
-    return 4 * math.ceil(0.25 * max(_FEWEST_SLICES, 0.1 * (stop - start) / math.sqrt(tolerance)))
+    return 4 * math.ceil(0.25 * (stop - start) * max(_FEWEST_SLICES, 0.1 / math.sqrt(tolerance)))
 
 
 def _cells(position: Real, edges: Real) -> Iterator[Assignment]:
