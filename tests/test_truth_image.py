@@ -86,6 +86,21 @@ def test_between_a_core_and_a_steep_wing_beside_a_faint_wide_term_the_table_is_t
     assert halo.worst < 2e-10
 
 
+def test_where_a_steep_wing_sinks_into_the_plateau_of_a_far_wider_term_the_table_is_the_contour_in_mpmath():
+    # the knees are 5e4 apart: rays keep no more than eight digits, and the wide term turns h(it) too fast for the cut
+    K = mirror(1e-5, 1.0).K
+    narrow, wide = (
+        mirror(1e-5, d, (sigma_for_phase_variance(g, K, 1e-5, B, C), B, C))
+        for d, g, B, C in ((1000.0, 1e-5, 10.0, 6.0), (1e4, 2e-6, 2e-3, 2.0))
+    )
+    system = TruthSystem(1e-5, (narrow, wide))
+    r = np.array([0.03, 0.06])
+    halo = radial_scatter(system, 3.0)
+    exact = [float(scatter_psf_mpmath(system, radius)) for radius in r] - missing_psf(system, r)
+    np.testing.assert_allclose(halo.psf(r * r), exact, rtol=1e-11)  # 4e-13 measured, as asked of mpmath
+    assert halo.worst < 2e-10
+
+
 def test_contours_agree_where_several_have_digits_left_whatever_the_terms():
     compared = 0
     for system in (judged(drawn(6, number)) for number in range(40)):
