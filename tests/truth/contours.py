@@ -31,6 +31,7 @@ from .system import RoughSurface, Term, TruthSystem, specular_weight
 
 STEP = 0.02  # in the logarithm of q; the rules converge like exp(-2 pi 0.15/step)
 _LOW, _HIGH = -23.0, 5.5  # of ln(2 pi |q| r)
+_BELOW = -16.0  # of ln(2 pi |q| times the widest knee): what is left out below is q^2 h(0) of about h(infinity)
 _SLANTS = 0.12, 0.2, 0.3  # over pi
 _ROUNDING = 4e-15  # of one sample, relative
 _MOST_TURNS = 20.0  # h(it) oscillates like this argument, which the rule must resolve
@@ -68,7 +69,7 @@ def _best(value: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def _from_the_origin(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """By the rays and by the cut."""
-    x, size = _magnitudes(log_r)
+    x, size = _magnitudes(system, log_r)
     candidates = []
     for q, kernel in _rays(x, size):
         fallen, left = _exponents(system, q)
@@ -85,9 +86,11 @@ def _from_the_origin(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray
     return value, noise
 
 
-def _magnitudes(log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _magnitudes(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """2 pi |q| r that every radius has samples at, and the |q| that all of them need together."""
-    n = np.arange(math.floor(_LOW / STEP), math.ceil(_HIGH / STEP) + 1)
+    fall = math.fsum((s.K * t.sigma) ** 2 for s in system.surfaces for t in s.terms)  # of ln h from q = 0 outwards
+    low = min(_LOW, _BELOW - 0.5 * fall + log_r[0] - math.log(max(_knees(system))))
+    n = np.arange(math.floor(low / STEP), math.ceil(_HIGH / STEP) + 1)
     k = np.arange(n[0] - len(log_r) + 1, n[-1] + 1)
     return np.exp(n * STEP), np.exp(k * STEP - log_r[0]) / (2.0 * np.pi)
 
@@ -111,7 +114,7 @@ def _in_two_parts(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, n
         return np.zeros(len(log_r)), np.full(len(log_r), np.inf)
     once, once_noise = unclipped(narrow, log_r)
     once *= specular_weight(wide)
-    x, size = _magnitudes(log_r)
+    x, size = _magnitudes(system, log_r)
     sums = []
     for q, kernel in _rays(x, size):
         h1 = np.exp(_log_height(narrow) - _exponents(narrow, q)[0])
@@ -140,9 +143,11 @@ def _widest_apart(system: TruthSystem) -> tuple[TruthSystem, TruthSystem]:
 
 
 def _sums(samples: np.ndarray, kernel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Im Sum samples x kernel at every radius, and its rounding."""
+    """Im Sum samples x kernel at every radius, and its noise: the rounding, and what lies below the first sample."""
     size = np.convolve(np.abs(samples), np.abs(kernel[::-1]), "valid")[::-1]
-    return np.convolve(samples, kernel[::-1], "valid")[::-1].imag, _ROUNDING * size
+    radii = len(samples) - len(kernel) + 1
+    below = np.abs(kernel[0] * samples[:radii])[::-1] / (2.0 * STEP)  # they fall at least like q^2
+    return np.convolve(samples, kernel[::-1], "valid")[::-1].imag, _ROUNDING * size + below
 
 
 def _on_the_cut(system: TruthSystem, t: np.ndarray, x: np.ndarray, radii: int) -> tuple[np.ndarray, np.ndarray]:
