@@ -1,21 +1,25 @@
-"""S(r) on four contours, in doubles, and what the rounding leaves of it at each radius.
+"""S(r) on contours, in doubles, and what the rounding leaves of it at each radius.
 
 ``unclipped`` takes, radius by radius, the best of
 
 - rays at an angle, S = 4 Im Int q h(q) K0(-2 pi i q r) dq with h(0) subtracted or not: the core;
 - the cut, S = -4 Int t K0(2 pi r t) Im h(it) dt: the wing, however faint, as nothing there cancels;
 - the cut up to where the integrand is least, and a ray from there, which adds what is left of the core: between the
-  two, where rays from the origin have lost their digits and the cut alone still misses the core.
+  two, where rays from the origin have lost their digits and the cut alone still misses the core;
+- the sum of two parts, each on its own contour: the wing of narrow terms at the height of the plateau of much wider
+  ones, which is beyond the digits of rays, and which the wide terms bar from the cut.
 
-Trapezoids in the logarithm share their samples among all radii, which lie as far apart as those; the last contour has
-panels of its own at each radius, and is tried where the others are poor. ``clipped`` keeps the clip at the horizon: the
-real axis to the last q_c, and a slanted ray from there; for where so much lies beyond the horizon that the unclipped S
-is huge.
+Trapezoids in the logarithm share their samples among all radii, which lie as far apart as those; the bent contour has
+panels of its own at each radius. It and the parts are tried where the others are poor. ``clipped`` keeps the clip at
+the horizon: the real axis to the last q_c, and a slanted ray from there; for where so much lies beyond the horizon that
+the unclipped S is huge.
 """
 
 from __future__ import annotations
 
 import math
+import operator
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.special import hankel1e, j0, kve
@@ -23,10 +27,11 @@ from scipy.special import hankel1e, j0, kve
 from .correlation import correlation_on_the_cut, correlation_parts
 from .horizon import clip_frequencies
 from .scatter import transfer_function
-from .system import TruthSystem, specular_weight
+from .system import RoughSurface, Term, TruthSystem, specular_weight
 
 STEP = 0.02  # in the logarithm of q; the rules converge like exp(-2 pi 0.15/step)
 _LOW, _HIGH = -23.0, 5.5  # of ln(2 pi |q| r)
+_BELOW = -16.0  # of ln(2 pi |q| times the widest knee): what is left out below is q^2 h(0) of about h(infinity)
 _SLANTS = 0.12, 0.2, 0.3  # over pi
 _ROUNDING = 4e-15  # of one sample, relative
 _MOST_TURNS = 20.0  # h(it) oscillates like this argument, which the rule must resolve
@@ -40,49 +45,114 @@ _LAST = np.polynomial.legendre.legvander(_NODE, 15)[:, 14:]  # of a panel's poly
 
 def unclipped(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(S [1/mm^2], relative noise) of the unclipped S at radii ``STEP`` apart in the logarithm."""
-    value, noise = by_every_contour(system, log_r)
-    best = np.argmin(noise, axis=0)[None]
-    return np.take_along_axis(value, best, 0)[0], np.take_along_axis(noise, best, 0)[0]
+    return _best(*by_every_contour(system, log_r))
 
 
 def by_every_contour(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same by each contour, shape [contour, radius]; infinite noise where one fails."""
-    n = np.arange(math.floor(_LOW / STEP), math.ceil(_HIGH / STEP) + 1)  # 2 pi |q| r = exp(n step)
-    k = np.arange(n[0] - len(log_r) + 1, n[-1] + 1)
-    size = np.exp(k * STEP - log_r[0]) / (2.0 * np.pi)  # |q|
+    value, noise = _from_the_origin(system, log_r)
+    for another in (_in_two_parts, _over_the_bend):
+        poor = np.flatnonzero(noise.min(axis=0) > _POOR)
+        more, more_noise = np.zeros(len(log_r)), np.full(len(log_r), np.inf)
+        if poor.size:
+            span = slice(poor[0], poor[-1] + 1)
+            more[span], more_noise[span] = another(system, log_r[span])
+        value, noise = np.vstack([value, more]), np.vstack([noise, more_noise])
+    return value, noise
+
+
+def _best(value: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of what has shape [contour, radius] the contour of least noise at each radius."""
+    best = np.argmin(noise, axis=0)[None]
+    return np.take_along_axis(value, best, 0)[0], np.take_along_axis(noise, best, 0)[0]
+
+
+def _from_the_origin(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By the rays and by the cut."""
+    x, size = _magnitudes(system, log_r)
     candidates = []
-    for slant in _SLANTS:
-        turn = np.exp(1j * np.pi * slant)
-        z = -1j * turn * np.exp(n * STEP)
-        kernel = kve(0, z) * np.exp(-z)
-        q = turn * size
+    for q, kernel in _rays(x, size):
         fallen, left = _exponents(system, q)
         subtracted = math.exp(_log_height(system)) * np.expm1(-fallen)
         for h in (subtracted, specular_weight(system) * np.expm1(left)):
             candidates.append(_sums(4.0 * STEP * (q * q * h), kernel))
-    candidates.append(_on_the_cut(system, size, np.exp(n * STEP), len(log_r)))
+    candidates.append(_on_the_cut(system, size, x, len(log_r)))
     value, noise = (np.array(part) for part in zip(*candidates, strict=True))
     noise = np.where(np.isfinite(noise) & (value > 0.0), noise / np.abs(value), np.inf)
     # where the core still shows, the cut misses it and does not know: what contradicts the rays is its error
-    best = np.argmin(noise[:-1], axis=0)[None]
-    ray, ray_noise = (np.take_along_axis(part[:-1], best, 0)[0] for part in (value, noise))
+    ray, ray_noise = _best(value[:-1], noise[:-1])
     apart = np.abs(value[-1] / ray - 1.0)
     noise[-1] = np.where(apart > 3.0 * ray_noise, np.maximum(noise[-1], apart), noise[-1])
-    bent, bent_noise = np.zeros(len(log_r)), np.full(len(log_r), np.inf)
-    for i in np.flatnonzero(noise.min(axis=0) > _POOR):
-        bent[i], bent_noise[i] = _bent(system, math.exp(log_r[i]))
-    return np.vstack([value, bent]), np.vstack([noise, bent_noise])
+    return value, noise
+
+
+def _magnitudes(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """2 pi |q| r that every radius has samples at, and the |q| that all of them need together."""
+    fall = math.fsum((s.K * t.sigma) ** 2 for s in system.surfaces for t in s.terms)  # of ln h from q = 0 outwards
+    low = min(_LOW, _BELOW - 0.5 * fall + log_r[0] - math.log(max(_knees(system))))
+    n = np.arange(math.floor(low / STEP), math.ceil(_HIGH / STEP) + 1)
+    k = np.arange(n[0] - len(log_r) + 1, n[-1] + 1)
+    return np.exp(n * STEP), np.exp(k * STEP - log_r[0]) / (2.0 * np.pi)
+
+
+def _rays(x: np.ndarray, size: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """(q, K0 at 2 pi |q| r = x) of each slant."""
+    for slant in _SLANTS:
+        turn = np.exp(1j * np.pi * slant)
+        z = -1j * turn * x
+        yield turn * size, kve(0, z) * np.exp(-z)
+
+
+def _in_two_parts(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(S [1/mm^2], relative noise) as a sum, each part on contours that suit it.
+
+    With h = h1 h2, h2 of the widest knee, S is that of h1 exp(-g2), free of the wide terms, which would turn h(it) too
+    fast for the cut, and that of h1 [h2 - exp(-g2)], all of which they scatter: rays lose nothing up to their knee.
+    """
+    narrow, wide = _widest_apart(system)
+    if not narrow.surfaces:
+        return np.zeros(len(log_r)), np.full(len(log_r), np.inf)
+    once, once_noise = unclipped(narrow, log_r)
+    once *= specular_weight(wide)
+    x, size = _magnitudes(system, log_r)
+    sums = []
+    for q, kernel in _rays(x, size):
+        h1 = np.exp(_log_height(narrow) - _exponents(narrow, q)[0])
+        h2 = specular_weight(wide) * np.expm1(_exponents(wide, q)[1])
+        sums.append(_sums(4.0 * STEP * (q * q * h1 * h2), kernel))
+    halo, halo_noise = _best(*(np.array(part) for part in zip(*sums, strict=True)))
+    total = once + halo
+    noise = (once * once_noise + halo_noise) / total
+    return total, np.where(np.isfinite(noise) & (total > 0.0), noise, np.inf)
+
+
+def _widest_apart(system: TruthSystem) -> tuple[TruthSystem, TruthSystem]:
+    """``system`` without the terms of the widest knee, and those alone."""
+    widest = max(_knees(system))
+    narrow, wide = (
+        TruthSystem(
+            system.wavelength,
+            tuple(
+                s._replace(terms=tuple(t for t in s.terms if chosen(_knee(system, s, t), widest)))
+                for s in system.surfaces
+            ),
+        )
+        for chosen in (operator.lt, operator.eq)
+    )
+    return narrow, wide
 
 
 def _sums(samples: np.ndarray, kernel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Im Sum samples x kernel at every radius, and its rounding."""
+    """Im Sum samples x kernel at every radius, and its noise: the rounding, and what lies below the first sample."""
     size = np.convolve(np.abs(samples), np.abs(kernel[::-1]), "valid")[::-1]
-    return np.convolve(samples, kernel[::-1], "valid")[::-1].imag, _ROUNDING * size
+    radii = len(samples) - len(kernel) + 1
+    below = np.abs(kernel[0] * samples[:radii])[::-1] / (2.0 * STEP)  # they fall at least like q^2
+    return np.convolve(samples, kernel[::-1], "valid")[::-1].imag, _ROUNDING * size + below
 
 
 def _on_the_cut(system: TruthSystem, t: np.ndarray, x: np.ndarray, radii: int) -> tuple[np.ndarray, np.ndarray]:
     """S from Im h(it), and its noise: the rounding, and the smallest sample beyond the peak, where the sum must end."""
-    resolved = 2.0 * np.pi * _widest_knee(system) * t < _MOST_TURNS
+    resolved = 2.0 * np.pi * max(_knees(system)) * t < _MOST_TURNS
     real, imaginary = _exponent_on_the_cut(system, t)
     samples = -4.0 * STEP * t * t * np.exp(_log_height(system) + real) * np.sin(imaginary)
     # h(it) swings between huge and tiny: the envelope of what has been is no accident
@@ -102,6 +172,12 @@ def _on_the_cut(system: TruthSystem, t: np.ndarray, x: np.ndarray, radii: int) -
     return value, noise
 
 
+def _over_the_bend(system: TruthSystem, log_r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(S [1/mm^2], relative noise) by the bent contour, at each radius on its own."""
+    value, noise = zip(*(_bent(system, math.exp(t)) for t in log_r), strict=True)
+    return np.array(value), np.array(noise)
+
+
 def _bent(system: TruthSystem, r: float) -> tuple[float, float]:
     """(S [1/mm^2], relative noise and error) by the cut from q = 0 to the bend, and the ray from there.
 
@@ -109,7 +185,7 @@ def _bent(system: TruthSystem, r: float) -> tuple[float, float]:
     comes from. Both integrands may have any constant subtracted from h, h(0) here.
     """
     # h turns once as 2 pi r |q| grows by this, however faint the term of the widest knee
-    turn = min(1.0, r / _widest_knee(system))
+    turn = min(1.0, r / max(_knees(system)))
     if (most := _MOST_PANELS * _PANEL * turn) < _BENDS[0]:
         return 0.0, math.inf
     bend = _bend(system, r, most)
@@ -201,8 +277,12 @@ def _exponent_on_the_cut(system: TruthSystem, t: np.ndarray) -> tuple[np.ndarray
     return real, imaginary
 
 
-def _widest_knee(system: TruthSystem) -> float:
-    return max(system.wavelength * s.d / t.B for s in system.surfaces for t in s.terms)
+def _knee(system: TruthSystem, surface: RoughSurface, term: Term) -> float:
+    return float(system.wavelength * surface.d / term.B)
+
+
+def _knees(system: TruthSystem) -> set[float]:
+    return {_knee(system, s, t) for s in system.surfaces for t in s.terms}
 
 
 def _log_height(system: TruthSystem) -> float:
