@@ -287,6 +287,20 @@ def test_a_tiny_window_is_found_where_light_crowds_along_a_line():
     assert found == pytest.approx(8.298925e-6, rel=1e-6)  # by fans in azimuth, good to 1e-11 of all light
 
 
+@pytest.mark.parametrize("half_width", [1e-7, 1e-6, 1.7345847825e-05, 1e-4])
+def test_a_whole_ring_that_focuses_to_a_point_is_found_in_a_tiny_window(half_width):
+    # defocus W020 against spherical aberration W040: the ring rho0^2 = -W020/(2 W040) lands on the origin, and
+    # |eps| = 4 |W020| |rho - rho0|/u' about it, so that 2 rho0 times the lit width of rho is the share at an azimuth
+    system = judged(drawn(12, 863))
+    defocus, spherical = system.seidel["W020"], system.seidel["W040"]
+    size, ring = defocus / system.image_slope, math.sqrt(-defocus / (2.0 * spherical))
+    mean_secant = 4.0 / math.pi * math.asinh(1.0)  # of the angle from the nearest axis: from the middle to the edge
+    around_the_centre = half_width**2 / (math.pi * size**2)  # rays near rho = 0, where |eps| = 2 |W020| rho/u'
+    exact = ring * half_width / size * mean_secant + around_the_centre
+    found = specular_energy(system, -half_width, half_width, -half_width, half_width, 1e-6 * exact)
+    assert found == pytest.approx(exact, rel=1e-6)
+
+
 def test_a_window_touched_by_a_single_ray_is_touched():
     image = Image(TruthSystem(1e-5, (), 0.1, 0.0, {"W020": 5e-4}), 1.0)  # a disc of radius 0.01 mm
     assert image.touches((0.0099, 0.02, -1e-3, 1e-3))

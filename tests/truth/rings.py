@@ -8,7 +8,7 @@ them. Between neighbouring crossings the ray stays in or out.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 _SAMPLES = 2.0 * np.pi * np.arange(8) / 8
 _SAME = 1e-10  # [rad] crossings this near each other are one
 
+_Edge: TypeAlias = float | np.ndarray
 
-def _harmonics(system: TruthSystem, rho: np.ndarray) -> np.ndarray:
+
+def harmonics(system: TruthSystem, rho: np.ndarray) -> np.ndarray:
     """Fourier coefficients c_0..c_2 of eps_x and eps_y on rings, shape [2, ring, 3]; an 8-point transform."""
     errors = np.array(ray_error(system, rho[:, None] * np.cos(_SAMPLES), rho[:, None] * np.sin(_SAMPLES)))
     return (np.fft.fft(errors, axis=-1) / 8)[..., :3]
@@ -52,21 +54,23 @@ def _crossings(c: np.ndarray) -> np.ndarray:
     return phi
 
 
-def _inside(value: np.ndarray, low: float, high: float) -> np.ndarray:
+def _inside(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """1 between low and high, 1/2 on either: light exactly on an edge is shared by its two pixels."""
     return np.heaviside(value - low, 0.5) - np.heaviside(value - high, 0.5)
 
 
 def landing(
-    system: TruthSystem, rho: np.ndarray, x0: float, x1: float, y0: float, y1: float
+    system: TruthSystem, rho: np.ndarray, x0: _Edge, x1: _Edge, y0: _Edge, y1: _Edge
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fraction of the lit part of each ring ``rho`` whose rays land in the rectangle [mm], and through which edges.
 
     The latter, how many times the ring passes each of the four edges, shape [ring, 4], changes where the fraction has a
-    kink: where a ring touches an edge, passes a corner, or where the end of its lit part does.
+    kink: where a ring touches an edge, passes a corner, or where the end of its lit part does. An edge may be an array,
+    each ring's own.
     """
-    c = np.repeat(_harmonics(system, rho), 2, axis=0)  # [edge, ring, 3]
-    c[..., 0] -= np.array([x0, x1, y0, y1])[:, None]
+    c = np.repeat(harmonics(system, rho), 2, axis=0)  # [edge, ring, 3]
+    x0, x1, y0, y1 = edges = [np.reshape(edge, (-1, 1)) for edge in (x0, x1, y0, y1)]  # [ring, 1]
+    c[..., 0] -= np.concatenate(np.broadcast_arrays(*edges), axis=1).T
     first, last = system.sector or (-np.pi, np.pi)
     cuts = np.full((len(rho), 18), first)
     cuts[:, 17] = last

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .geometry import ray_error
-from .rings import landing
+from .rings import harmonics, landing
 
 if TYPE_CHECKING:
     from .system import TruthSystem
@@ -23,49 +22,39 @@ _WEIGHTS = np.linalg.solve(np.polynomial.legendre.legvander(_NODES, 12).T, np.ey
 
 _RINGS = 97  # among which kinks are looked for, in each interval
 _PARTS, _ROUNDS = 8, 9  # of a search: 1e-8 of what it begins with
-_MOST_CELLS = 4000
+_MOST_INTERVALS = 500
+_TWICE = np.array([1.0, 2.0, 2.0])  # on a ring no ray error is beyond |c_0| + 2 |c_1| + 2 |c_2|
 
 
 def rings_that_may_land(system: TruthSystem, x0: float, x1: float, y0: float, y1: float) -> np.ndarray:
     """Intervals of rho, shape [n, 2], outside which no ray lands in the rectangle [mm].
 
-    Cells of the pupil are quartered, and those are kept whose rays may land there: by the middle of a cell, its own
-    slopes, and the greatest second derivatives of the ray errors anywhere. Until a cell's light is no wider than the
-    rectangle (or ``_MOST_CELLS`` are kept): however small the rectangle, its rings are found.
+    Intervals are halved, and those are kept whose middle ring has rays in the rectangle widened by the farthest a ray
+    moves between that ring and the interval's ends. Until that is no more than the rectangle's own width (or
+    ``_MOST_INTERVALS`` are kept: a slender rectangle across the spot takes light from nearly every ring). Only rho is
+    divided, for which azimuths of a ring land is known exactly: a ring that focuses to a point is found like any other.
     """
-    first, last = system.sector or (-np.pi, np.pi)
-
-    def landing_at(r: np.ndarray, f: np.ndarray) -> np.ndarray:
-        return np.array(ray_error(system, r * np.cos(f), r * np.sin(f)))
-
-    fan = landing_at(np.linspace(system.obscuration, 1.0, 33)[:, None], np.linspace(first, last, 193))
-    dr, df = (1.0 - system.obscuration) / 32.0, (last - first) / 192.0
-    bends = [
-        1.2 * np.abs(difference).max(axis=(1, 2))[:, None] / size
-        for difference, size in (
-            (np.diff(fan, 2, axis=1), dr**2),
-            (np.diff(np.diff(fan, axis=1), axis=2), dr * df),
-            (np.diff(fan, 2, axis=2), df**2),
-        )
-    ]
-    cells = np.array([[system.obscuration, 1.0, first, last]])
-    for _ in range(40):
-        r0, r1, f0, f1 = cells.T
-        r, f, half_r, half_f = 0.5 * (r0 + r1), 0.5 * (f0 + f1), 0.5 * (r1 - r0), 0.5 * (f1 - f0)
-        ex, ey = landing_at(r, f)
-        slopes = np.abs(landing_at(r1, f) - landing_at(r0, f)) + np.abs(landing_at(r, f1) - landing_at(r, f0))
-        bent = bends[0] * half_r**2 + 2.0 * bends[1] * half_r * half_f + bends[2] * half_f**2
-        wide_x, wide_y = 0.5 * (slopes + bent)
-        near = (ex + wide_x >= x0) & (ex - wide_x <= x1) & (ey + wide_y >= y0) & (ey - wide_y <= y1)
-        cells, r, f = cells[near], r[near], f[near]
-        small = 2.0 * wide_x.max() <= x1 - x0 and 2.0 * wide_y.max() <= y1 - y0
-        if len(cells) == 0 or len(cells) > _MOST_CELLS or (small and r1[0] - r0[0] < 0.1):
+    inner, width_x, width_y = system.obscuration, x1 - x0, y1 - y0
+    rho = np.linspace(inner, 1.0, 33)
+    bends = np.abs(np.diff(harmonics(system, rho), 2, axis=1)).max(axis=1) / (rho[1] - inner) ** 2
+    bend_x, bend_y = 1.2 * bends @ _TWICE
+    edges = np.linspace(inner, 1.0, 17)
+    intervals = np.stack([edges[:-1], edges[1:]], axis=1)
+    for _ in range(48):
+        low, high = intervals.T
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        # over half an interval: by the slopes between its ends, and the greatest second derivatives anywhere
+        moved_x, moved_y = 0.5 * np.abs(harmonics(system, high) - harmonics(system, low)) @ _TWICE
+        moved_x, moved_y = moved_x + bend_x * half**2, moved_y + bend_y * half**2
+        fraction, _ = landing(system, middle, x0 - moved_x, x1 + moved_x, y0 - moved_y, y1 + moved_y)
+        near = fraction > 0.0
+        intervals, middle = intervals[near], middle[near]
+        small = np.all((moved_x[near] <= width_x) & (moved_y[near] <= width_y))
+        if small or len(intervals) > _MOST_INTERVALS:
             break
-        r0, r1, f0, f1 = cells.T
-        cells = np.concatenate(
-            [np.stack(quarter, axis=1) for quarter in ((r0, r, f0, f), (r0, r, f, f1), (r, r1, f0, f), (r, r1, f, f1))]
-        )
-    return _joined(cells[:, :2])
+        low, high = intervals.T
+        intervals = np.concatenate([np.stack([low, middle], axis=1), np.stack([middle, high], axis=1)])
+    return _joined(intervals)
 
 
 def _joined(intervals: np.ndarray) -> np.ndarray:
