@@ -35,8 +35,8 @@ def rings_that_may_land(system: TruthSystem, x0: float, x1: float, y0: float, y1
     divided, for which azimuths of a ring land is known exactly: a ring that focuses to a point is found like any other.
     """
     inner, width_x, width_y = system.obscuration, x1 - x0, y1 - y0
-    rho = np.linspace(inner, 1.0, 33)
-    bends = np.abs(np.diff(harmonics(system, rho), 2, axis=1)).max(axis=1) / (rho[1] - inner) ** 2
+    rho = np.linspace(0.0, 1.0, 33)  # of any pupil, be it as thin as rounding
+    bends = np.abs(np.diff(harmonics(system, rho), 2, axis=1)).max(axis=1) / rho[1] ** 2
     bend_x, bend_y = 1.2 * bends @ _TWICE
     edges = np.linspace(inner, 1.0, 17)
     intervals = np.stack([edges[:-1], edges[1:]], axis=1)
