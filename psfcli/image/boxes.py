@@ -28,7 +28,9 @@ _MOST_FIRST_SLICES = 10_000
 _MOST_SEEN_AT_ONCE = 300_000  # first slices of all groups: half a gigabyte
 _BOXES_TOGETHER = 24
 _SLICES_AT_ONCE = 1024
-_APART = 3.0  # distances: how far apart neighbouring fans pass, those on either side of the origin too
+# how far apart neighbouring fans may pass, in the lesser of their distances: each slice is at most four times as far
+# out as the one before it
+_APART = 3.0
 _FOLD = 0.05  # of blur over spot: what light a fold holds that just touches an edge blurred as much
 
 

@@ -39,8 +39,8 @@ class CompositeImage:
     ``unscattered``, PSF_G in the sub-pixels of ``rows`` and ``columns``, and the estimated ``error`` of it and of
     Gaussians too narrow for moments in the worst sub-pixel, as a fraction of all light. ``unresolved``: the relative
     error of dark pixels from Gaussians so narrow that the spot would take more rays than are taken. ``around``: rows
-    and columns, in sub-pixels (2, ray), where some rays land within a pixel of the window's edge but outside it;
-    ``beside``: their share of all light.
+    and columns, in sub-pixels (2, ray), where some rays land outside the window, among them those within a pixel of it;
+    ``beside``: their share of all light, no less than what lands within a pixel.
     """
 
     light: Real

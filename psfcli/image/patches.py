@@ -78,7 +78,10 @@ def ray_count(image: GeometricalImage, window: Window = EVERYWHERE) -> RayCount:
 
 
 def rays_around(image: GeometricalImage, window: Window, margin: float) -> RayBundle:
-    """Rays of a coarse table that land outside the ``window`` and within ``margin`` [mm] of it, or of each other."""
+    """Rays of a coarse table that land outside the ``window``, within ``margin`` [mm] of it and their own distance.
+
+    Shares are of all light; together no less than what lands within the ``margin``. None where the window holds all.
+    """
     if _holds(window, image.spot):
         return RayBundle(*np.empty((3, 0)))
     rings = _rings(image.telescope, image.field)
