@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections import deque
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -11,13 +12,17 @@ import numpy as np
 from psfcli.products.units import DEG, NM, UM, converted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
     from typing import BinaryIO
 
     from numpy.typing import NDArray
 
+    from psfcli.image.result import EnsquaredEnergy, FieldImage
     from psfcli.products.header import ImageSummary, RunHeader
+
+    _Key = tuple[float, float, float]  # wavelength [nm], field [deg or mm], azimuth [deg]
+    _Place = tuple[int, int]  # wavelength index, field index
 
 EE_COLUMNS = (
     "wavelength_nm",
@@ -32,24 +37,37 @@ EE_COLUMNS = (
 )
 
 
+class CsvProduct:
+    """An ee.csv being written to ``stream``; ``add`` the images in any order.
+
+    Plain CSV: the header, then every float with the digits that give it back. The rows of an image are written as soon
+    as those of all before it are: of images that come in the table's order nothing is kept.
+    """
+
+    def __init__(self, stream: BinaryIO, header: RunHeader) -> None:
+        self._stream = stream
+        self._pixel = header.detector.pixel
+        self._due = deque(_listed(header))
+        self._listed = {place for _, place in self._due}
+        self._waiting: dict[_Place, EnsquaredEnergy] = {}
+        stream.write(",".join(EE_COLUMNS).encode() + b"\n")
+
+    def add(self, wavelength_index: int, field_index: int, image: FieldImage) -> None:
+        """Write the rows of one image, and of those that waited for it, or let them wait for their turn."""
+        if (wavelength_index, field_index) in self._listed:
+            self._waiting[wavelength_index, field_index] = image.ensquared
+        while self._due and self._due[0][1] in self._waiting:
+            key, place = self._due.popleft()
+            self._stream.write("".join(_lines(_block(key, self._waiting.pop(place), self._pixel))).encode())
+
+
 def ensquared_rows(header: RunHeader, summaries: Sequence[ImageSummary]) -> list[NDArray[np.float64]]:
     """The rows of the table, one block [box, column] per image, in the units its columns name.
 
     Blocks are sorted by wavelength, field and azimuth, rows by half width; nothing comes twice.
     """
-    images: dict[tuple[float, float, float], ImageSummary] = {}
-    for summary in summaries:
-        field = header.fields[summary.field_index]
-        wavelength = converted(header.wavelengths[summary.wavelength_index], NM)
-        images.setdefault((wavelength, header.field_value(field.radius), converted(field.azimuth, DEG)), summary)
-    return [_block(key, images[key], header.detector.pixel) for key in sorted(images)]
-
-
-def write_csv(stream: BinaryIO, blocks: Iterable[NDArray[np.float64]]) -> None:
-    """Write the table as plain CSV: the header, then every float with the digits that give it back."""
-    stream.write(",".join(EE_COLUMNS).encode() + b"\n")
-    for block in blocks:
-        stream.write("".join(_lines(block)).encode())
+    boxes = {(summary.wavelength_index, summary.field_index): summary.ensquared for summary in summaries}
+    return [_block(key, boxes[place], header.detector.pixel) for key, place in _listed(header)]
 
 
 def read_csv(path: Path) -> NDArray[np.float64]:
@@ -62,6 +80,16 @@ def read_csv(path: Path) -> NDArray[np.float64]:
         return np.array([[float(value) for value in row] for row in rows]).reshape(-1, len(EE_COLUMNS))
 
 
+def _listed(header: RunHeader) -> list[tuple[_Key, _Place]]:
+    """Wavelength [nm], field and azimuth [deg] of the images the table lists, sorted, and which images they are."""
+    images: dict[_Key, _Place] = {}
+    for w, wavelength in enumerate(header.wavelengths):
+        for f, field in enumerate(header.fields):
+            key = converted(wavelength, NM), header.field_value(field.radius), converted(field.azimuth, DEG)
+            images.setdefault(key, (w, f))
+    return sorted(images.items())
+
+
 def _lines(block: NDArray[np.float64]) -> Iterator[str]:
     for row in zip(*(_digits(column.tobytes()) for column in block.T), strict=True):
         yield ",".join(row) + "\n"
@@ -72,8 +100,7 @@ def _digits(column: bytes) -> list[str]:
     return [repr(value) for value in np.frombuffer(column).tolist()]
 
 
-def _block(key: tuple[float, float, float], summary: ImageSummary, pixel: float) -> NDArray[np.float64]:
-    boxes = summary.ensquared
+def _block(key: _Key, boxes: EnsquaredEnergy, pixel: float) -> NDArray[np.float64]:
     chosen, sizes = _box_sizes(tuple(boxes.half_width.tolist()), pixel)
     rows = np.empty((len(chosen), len(EE_COLUMNS)))
     rows[:, :3] = key

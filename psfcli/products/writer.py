@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from psfcli.products.atomic import Stage, output_errors
 from psfcli.products.header import ImageSummary
 from psfcli.products.manifest import manifest
-from psfcli.products.tables import ensquared_rows, write_csv
+from psfcli.products.tables import CsvProduct, ensquared_rows
 from psfcli.products.target import EE_TABLE, FITS, FORMATS, MANIFEST, check_room, check_target, cube_bytes, products_in
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ class ProductWriter:
         self._summaries: list[ImageSummary] = []
         self._fits: FitsProduct | None = None
         self._exr: ExrProduct | None = None
+        self._csv: CsvProduct | None = None
         self.timings: dict[str, float] = {}
         self.paths: tuple[Path, ...] = ()
         self.notes: tuple[str, ...] = ()
@@ -63,7 +64,7 @@ class ProductWriter:
     def add(self, wavelength_index: int, field_index: int, image: FieldImage) -> None:
         """Write one image; nothing of its planes is kept."""
         with output_errors(self._directory):
-            for product in (self._fits, self._exr):
+            for product in (self._fits, self._exr, self._csv):
                 if product is not None:
                     product.add(wavelength_index, field_index, image)
         self._summaries.append(ImageSummary.of(wavelength_index, field_index, image))
@@ -89,6 +90,8 @@ class ProductWriter:
             from psfcli.products.exr import ExrProduct
 
             self._exr = ExrProduct(self._stage, self._header)
+        if "csv" in self._formats:
+            self._csv = CsvProduct(self._stage.open(EE_TABLE), self._header)
 
     def _finish(self) -> None:
         announced = len(self._header.wavelengths) * len(self._header.fields)
@@ -97,15 +100,12 @@ class ProductWriter:
             raise ValueError(
                 f"{len(self._summaries)} images were added ({len(added)} different), {announced} announced"
             )
-        ensquared = ensquared_rows(self._header, self._summaries) if {"fits", "csv"} & set(self._formats) else []
         if self._fits is not None:
-            self._fits.finish(self._summaries, ensquared)
+            self._fits.finish(self._summaries, ensquared_rows(self._header, self._summaries))
             self._stage.seal(FITS)
         if self._exr is not None:
             note = self._exr.finish()
             self.notes = (note,) if note else ()
-        if "csv" in self._formats:
-            write_csv(self._stage.open(EE_TABLE), ensquared)
         digests = self._stage.digests()
         names = [*digests, MANIFEST]
         obsolete = [name for name in products_in(self._directory) if name not in names]
