@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -112,21 +112,25 @@ def images(scene: Plan) -> Iterator[tuple[int, int, FieldImage]]:
         with ProcessPoolExecutor(jobs, get_context(method), _adopt, (scene, scatters)) as pool:
             ahead: deque[Future[list[FieldImage]]] = deque()
             for i, part in enumerate(parts):
-                while len(ahead) <= jobs and i + len(ahead) < len(parts):
+                # two for each and one: none waits for work while the images of the one before are taken
+                while len(ahead) <= 2 * jobs and i + len(ahead) < len(parts):
                     ahead.append(pool.submit(_adopted_images, parts[i + len(ahead)]))
                 for computation, image in zip(part, ahead.popleft().result(), strict=True):
                     yield from as_asked_for(scene, computation, image)
 
 
 def _parts(scene: Plan) -> Iterator[Sequence[Computation]]:
-    """The computations of one wavelength, a few at a time and as many for each process, then those of the next."""
+    """The computations of one wavelength, a few at a time, then those of the next.
+
+    Processes take half as many at a time towards the end, so that none has long to wait for the last.
+    """
     jobs, most = scene.resources.jobs, scene.resources.together
     for _, same in groupby(scene.computations, key=lambda computation: computation.wavelength_index):
-        together = list(same)
-        count = min(jobs * math.ceil(len(together) / (jobs * most)), len(together))
-        bounds = [len(together) * n // count for n in range(count + 1)]
-        for first, last in pairwise(bounds):
-            yield together[first:last]
+        left = list(same)
+        while left:
+            few = most if jobs == 1 else min(max(len(left) // (2 * jobs), most // 2), math.ceil(len(left) / jobs), most)
+            yield left[:few]
+            del left[:few]
 
 
 def as_asked_for(scene: Plan, computation: Computation, image: FieldImage) -> Iterator[tuple[int, int, FieldImage]]:
@@ -146,13 +150,13 @@ _adopted: tuple[Plan, dict[int, WavelengthScatter]] | None = None  # what a work
 def _adopt(scene: Plan, scatters: dict[int, WavelengthScatter]) -> None:
     global _adopted
     _adopted = scene, scatters
+    threadpool_limits(limits=1, user_api="blas")  # for as long as the process lives
 
 
 def _adopted_images(part: Sequence[Computation]) -> list[FieldImage]:
     assert _adopted is not None
     scene, scatters = _adopted
-    with threadpool_limits(limits=1, user_api="blas"):
-        return list(computed(scene, scatters[part[0].wavelength_index], part))
+    return list(computed(scene, scatters[part[0].wavelength_index], part))
 
 
 def scatter_at(scene: Plan, w: int) -> WavelengthScatter:

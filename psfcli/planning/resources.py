@@ -55,8 +55,8 @@ def resources(
         alone = _PROCESS + kept + _COPIES * plane
         if jobs == 1:
             return alone
-        # a worker hands on all it computes together, and as many wait here as there are workers and one more
-        return alone + (jobs + 1) * together * plane + jobs * (_WORKER + (_COPIES - 1 + together) * plane)
+        # a worker hands on all it computes together, and as many wait here as there are two of for each, and one more
+        return alone + (2 * jobs + 1) * together * plane + jobs * (_WORKER + (_COPIES - 1 + together) * plane)
 
     while memory(jobs, together) > most and jobs > 1:
         together, jobs = (together // 2, jobs) if together > 1 else (together, jobs - 1)
