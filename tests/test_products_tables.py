@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import math
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from product_scenes import random_image, run_header, write_run
 
 from psfcli.image.grid import Detector
 from psfcli.image.result import EnsquaredEnergy
+from psfcli.products.tables import CsvProduct
 from psfcli.products.units import DEG, NM, UM, converted
 from psfcli.products.writer import ProductWriter
 from psfcli.telescope.system import Field
@@ -45,6 +47,18 @@ def test_rows_are_sorted_however_the_run_goes(tmp_path):
     assert [r[:4] for r in rows] == sorted(r[:4] for r in rows)
     assert {r[0] for r in rows} == {9.4, 17.1}
     assert {r[1:3] for r in rows} == {(-0.25, 90.0), (0.0, 90.0), (0.5, 30.0), (0.5, 90.0)}
+
+
+def test_rows_are_written_as_soon_as_all_before_them_are():
+    header = run_header(fields=4)
+    stream = io.BytesIO()
+    table = CsvProduct(stream, header)
+    seen = []
+    for field in (1, 0, 3, 2):
+        table.add(0, field, random_image(header, field))
+        fields = [float(line.split(",")[1]) for line in stream.getvalue().decode().splitlines()[1:]]
+        seen.append(list(dict.fromkeys(fields)))
+    assert seen == [[], [0.0, 0.25], [0.0, 0.25], [0.0, 0.25, 0.5, 0.75]]
 
 
 def test_no_row_comes_twice(tmp_path):
