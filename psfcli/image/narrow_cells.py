@@ -91,7 +91,9 @@ def add_narrow(
     error = 0.0
     for grid in spot_grids(point, blurring, spacing, bounds):
         _add_by_grid(light, edges_x, edges_y, grid)
-        near = np.where(grid.mixture.variance < (_LOCAL * free) ** 2, grid.on_a_line(grid.spacing), brightest)
+        # of a spot beside the window nothing local reaches it
+        on_edge = 0.0 if _gap(point, detector) > 0.0 else grid.on_a_line(grid.spacing)
+        near = np.where(grid.mixture.variance < (_LOCAL * free) ** 2, on_edge, brightest)
         aliases = ray_error(np.sqrt(grid.mixture.variance), np.array(grid.spacing))
         error += float(np.abs(grid.mixture.weight) @ (near * aliases))
     part = _largest_parts(mixture, free)[others]
@@ -108,10 +110,15 @@ def nearest_dark(point: GeometricalImage, detector: Detector) -> float:
 
     all rays miss the window, and nothing in it is touched.
     """
+    gap = _gap(point, detector)
+    return min(detector.sub_pixel, gap) if gap > 0.0 else detector.sub_pixel
+
+
+def _gap(point: GeometricalImage, detector: Detector) -> float:
+    """How far [mm] the bounds of the spot are from the window, along x or y; not positive where they meet."""
     x_start, x_stop, y_start, y_stop = detector.bounds()
     spot = point.spot
-    gap = max(x_start - spot.x_max, spot.x_min - x_stop, y_start - spot.y_max, spot.y_min - y_stop)
-    return min(detector.sub_pixel, gap) if gap > 0.0 else detector.sub_pixel
+    return max(x_start - spot.x_max, spot.x_min - x_stop, y_start - spot.y_max, spot.y_min - y_stop)
 
 
 def narrow_error(mixture: GaussianMixture, tolerance: Tolerance, nearest: float, brightest: float) -> Real:
