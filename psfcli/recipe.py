@@ -128,7 +128,11 @@ def _parts(scene: Plan) -> Iterator[Sequence[Computation]]:
     for _, same in groupby(scene.computations, key=lambda computation: computation.wavelength_index):
         left = list(same)
         while left:
-            few = most if jobs == 1 else min(max(len(left) // (2 * jobs), most // 2), math.ceil(len(left) / jobs), most)
+            few = (
+                most
+                if jobs == 1
+                else min(max(len(left) // (2 * jobs), (most + 1) // 2), math.ceil(len(left) / jobs), most)
+            )
             yield left[:few]
             del left[:few]
 

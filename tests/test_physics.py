@@ -160,21 +160,6 @@ def test_bsdf_at_C_2_is_a_closed_series():
     np.testing.assert_allclose(transform(g, 2.0, b), series, rtol=1e-12)  # trapezoid 1e-13, the rest rounding
 
 
-@pytest.mark.parametrize("error", [1e-3, 1e-5])
-@pytest.mark.parametrize(("g", "nearly"), [(0.01, 0.7), (0.55, 0.05), (1.7, 0.0), (8.0, 0.0)])
-@pytest.mark.parametrize("C", [1.8, 3.0, 5.0, 8.0])
-def test_a_mixture_holds_all_that_is_scattered_to_the_error_its_step_was_chosen_for(C, g, nearly, error):
-    nu, light = (C - 1.0) / 2.0, -math.expm1(-g)
-    step = trapezoid_step(1.0, nu, g, error)
-    farthest = math.log((1e-3 * error) ** (-1.0 / nu) * 1e2 * (1.0 + g))  # of multiple scatter, too
-    worst = 0.0
-    for phase in np.arange(8) / 8:
-        v = np.exp(np.arange(math.log(0.5 / (nu + 60.0)), farthest, step) + phase * step)
-        density, _ = mixing_density(v, [ScatterTerm(g, 1.0, nu)], g)
-        worst = max(worst, abs(step * float(density.sum()) / light - 1.0))
-    assert nearly * error < worst < error
-
-
 @pytest.mark.parametrize("C", [1.5, 2.5, 4.0])
 def test_the_smooth_limit_is_g_times_the_spectrum_with_no_loss_factor(C):
     b = np.array([0.0, 1.0, 100.0])

@@ -26,7 +26,6 @@ from psfcli.tolerance import Tolerance
 
 Real = NDArray[np.float64]
 
-_ENERGY_SHARE = 0.5  # of the tolerance: a bound that single scatter nearly reaches, and multiple scatter a third of
 _CLIP_SHARE = 0.05  # of the tolerance: a clip that takes less is not modelled
 
 
@@ -135,9 +134,9 @@ def scattered_light(
     if not terms:
         nothing = GaussianMixture(np.empty(0), np.empty(0))
         return Halo(nothing, specular_fraction, unscattered_weight, reach, (np.zeros(1), np.zeros(1)), 0.0, collapsed)
+    # energies average the mixture's error over radius: they keep a hundredth of it
     share = min(0.3 * tolerance.pixel, 10.0 * tolerance.ee)
-    energy_share = _ENERGY_SHARE * tolerance.ee / -math.expm1(-total_variance)
-    step = trapezoid_step(share, max(term.nu for term in terms), total_variance, energy_share)
+    step = trapezoid_step(share, max(term.nu for term in terms), total_variance)
     flattest = min(term.nu for term in terms)
     # one-fold light has v = w^2/2t with t gamma-distributed of order nu + 1: nothing lies below t = nu + 60
     low = min(0.5 * term.width**2 / (term.nu + 60.0) for term in terms)

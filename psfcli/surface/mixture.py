@@ -68,38 +68,38 @@ class GaussianMixture:
         return np.exp(-x) @ (self.weight / (2.0 * math.pi * self.variance))
 
 
-def trapezoid_step(error: float, nu: float, total_variance: float, energy_error: float = math.inf) -> float:
-    """The widest grid step in ln v whose densities err by less than ``error``, relative, for terms of order ``nu`` and
+def trapezoid_error(step: float, nu: float, total_variance: float) -> float:
+    """Relative error of the mixture with grid ``step`` in ln v, for terms of order ``nu`` and mean count G [1].
 
-    mean count G [1], and whose energies by less than ``energy_error`` of the scattered light.
-
-    The error is the first alias, omega = 2 pi/step. One-fold light has v = w^2/2t, t gamma-distributed of order nu, and
-    so the Mellin transform Gamma(p + i omega)/Gamma(p) with p = nu; its density, weighed by 1/v, that with p = nu + 1.
-    n-fold light, a sum of n such v, is no narrower in ln v than order n nu. Averaged over Poisson(n; G).
+    One-fold light has v = w^2/2t, t gamma-distributed of order nu, and its density the Mellin transform
+    Gamma(p + i omega)/Gamma(p) with p = nu + 1 at the first alias omega = 2 pi/step; n-fold light, a sum of n such v,
+    is no narrower in ln v than order n nu. Averaged over Poisson(n; G).
     """
-    order, often = _orders(nu, total_variance)
-    low, high = 1e-3, 4.0
-    for _ in range(24):
-        middle = math.sqrt(low * high)
-        enough = _alias(middle, order + 1.0) @ often < error and _alias(middle, order) @ often < energy_error
-        low, high = (middle, high) if enough else (low, middle)
-    return low
+    return _trapezoid_error(step, *_mellin_orders(nu, total_variance))
 
 
-def _orders(nu: float, total_variance: float) -> tuple[Real, Real]:
-    """The orders of the light scattered n times, and how often that is."""
+def _mellin_orders(nu: float, total_variance: float) -> tuple[Real, Real]:
+    """The orders p of the light scattered n times, and how often that is."""
     spread = 10.0 + 10.0 * math.sqrt(total_variance)
     n = np.unique(np.linspace(max(1.0, total_variance - spread), total_variance + spread, 200).astype(int))
     log_poisson = n * math.log(total_variance) - special.gammaln(n + 1.0)
     poisson = np.exp(log_poisson - log_poisson.max())
-    return n * nu, poisson / poisson.sum()
+    return n * nu + 1.0, poisson / poisson.sum()
 
 
-def _alias(step: float, p: Real) -> Real:
-    """2 |Gamma(p + i omega)/Gamma(p)| at the first alias of a grid ``step``, shape of ``p``."""
+def _trapezoid_error(step: float, p: Real, poisson: Real) -> float:
     omega = 2.0 * math.pi / step
-    alias: Real = 2.0 * np.exp(special.loggamma(p + 1j * omega).real - special.gammaln(p))
-    return alias
+    return float(2.0 * np.exp(special.loggamma(p + 1j * omega).real - special.gammaln(p)) @ poisson)
+
+
+def trapezoid_step(error: float, nu: float, total_variance: float) -> float:
+    """The widest grid step in ln v whose ``trapezoid_error`` stays below ``error``."""
+    orders = _mellin_orders(nu, total_variance)
+    low, high = 1e-3, 4.0
+    for _ in range(24):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if _trapezoid_error(middle, *orders) < error else (low, middle)
+    return low
 
 
 class MixtureError(ArithmeticError):
