@@ -15,7 +15,7 @@ from truth.specular import specular_energy
 
 from psfcli.image.blur import TAIL, ray_spacing
 from psfcli.image.boxes import unscattered_in_boxes
-from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_images, spots
+from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_images, moment_rays, spots
 from psfcli.image.graded import graded_rays
 from psfcli.image.patches import EVERYWHERE, patches_apart, ray_count
 from psfcli.image.unscattered import unscattered_in_windows, unscattered_on_grid
@@ -281,7 +281,7 @@ def test_defocus_in_a_sector_is_a_sector_of_a_disc(obscuration):
     assert point.spot.rms_x == pytest.approx(math.sqrt(mean(2, 2, 0) - mean(1, 1, 0) ** 2), rel=1e-12)
     width = 0.2 * radius
     for rays in (
-        point.rays,
+        moment_rays(point.telescope, [point.field])[0],
         landed(point, 0.5 * width),
         graded_rays(point, lambda x, _: np.full_like(x, 0.15 * width), 7),
     ):

@@ -7,10 +7,11 @@ import pytest
 
 from psfcli.image.blur import FEW_TERMS, fewer_terms, normal_probability
 from psfcli.image.boxes import blurred_in_boxes, unscattered_in_boxes
-from psfcli.image.geometric import geometrical_images, ray_bundles
+from psfcli.image.geometric import geometrical_images, moment_rays, ray_bundles
 from psfcli.image.graded import graded_rays
 from psfcli.image.narrow import narrow_in_squares
-from psfcli.image.squares import even_moments, square_response
+from psfcli.image.square_polynomials import common_extent, polynomial_response, truncation_error
+from psfcli.image.squares import square_response
 from psfcli.surface.mixture import GaussianMixture
 from psfcli.telescope.seidel import SeidelTable
 from psfcli.telescope.system import Field, Pupil, Telescope
@@ -61,7 +62,8 @@ def test_grid_and_fans_hold_what_very_many_rays_say(field, pupil):
 
 def test_a_window_is_lit_by_rays_near_it_alone():
     image = point(TILTED)
-    centres = [(float(image.rays.x[n]), float(image.rays.y[n])) for n in (100, 103)]
+    (rays,) = moment_rays(image.telescope, [image.field])
+    centres = [(float(rays.x[n]), float(rays.y[n])) for n in (100, 103)]
     half_width = extent(image) * np.array([0.01, 0.03])
     mixture = GaussianMixture(np.array([0.3, 0.2]), (extent(image) / np.array([300.0, 100.0])) ** 2)
     error, never = np.full(2, 1e-9), np.full(2, 1e-30)
@@ -83,14 +85,64 @@ def test_fans_are_not_cut_where_their_gaussian_does_not_reach():
     assert narrow_in_squares(image, mixture, centres[1:], half_width, error, np.array([1e-30])) == 0.0
 
 
-def test_the_table_of_squares_holds_wide_and_narrow_terms_alike():
-    image = point(UPRIGHT)
+@pytest.mark.parametrize("field", [TILTED, UPRIGHT, ON_AXIS], ids=["tilted", "upright", "on axis"])
+@pytest.mark.parametrize("pupil", [Pupil(0.48), Pupil(0.2, (0.3, 2.0))], ids=["annulus", "sector"])
+def test_the_table_of_squares_holds_wide_and_narrow_terms_alike(field, pupil):
+    image = point(field, pupil)
     half_width = extent(image) * np.array([0.02, 0.2, 0.5, 1.0, 5.0, 50.0])
     mixture = GaussianMixture(np.full(8, 0.1), (extent(image) * np.geomspace(0.03, 30.0, 8)) ** 2)
     expected = by_rays(image, mixture, CENTRES, half_width)
     for tolerance in (1e-4, 1e-6, 1e-8):
-        energy = square_response(mixture, half_width).energy(image, CENTRES, even_moments(image, CENTRES), tolerance)
+        energy = square_response(mixture, half_width, half_width).energy(image, CENTRES, tolerance)
         assert np.abs(energy - expected).max() <= tolerance
+
+
+@pytest.mark.parametrize("ratio", [1e-3, 0.1, 1.0, 3.0, 10.0, 30.0])
+def test_what_a_series_leaves_out_is_within_its_bound(ratio):
+    """By interpolation of Gaussians in squares of all sizes, at places between the nodes; the bound is no loose one."""
+    place, edge = np.linspace(0.0, 1.0, 301), np.geomspace(1e-3, 3.0, 40)[:, None]
+    f = normal_probability(ratio * (place - edge), ratio * (place + edge))
+    for count in (4, 8, 16, 32, 48):
+        node = np.cos(0.5 * math.pi * (np.arange(count) + 0.5) / count)
+        at_nodes = normal_probability(ratio * (node - edge), ratio * (node + edge))
+        series = np.polynomial.chebyshev.chebfit(2.0 * node**2 - 1.0, at_nodes.T, count - 1)
+        error = np.abs(np.polynomial.chebyshev.chebval(2.0 * place**2 - 1.0, series) - f).max()
+        bound = truncation_error(np.array(ratio), np.array(count))
+        assert error <= bound + 1e-12  # rounding of the fit
+        if 1e-10 < error < 1e-2:
+            assert bound < 300.0 * error  # five polynomials more than needed at most
+
+
+def test_spots_of_like_extent_share_a_table_that_ends_with_the_spot():
+    upright, tilted = point(UPRIGHT), point(Field(math.radians(0.49)))
+    mixture = GaussianMixture(np.full(3, 0.1), (extent(upright) * np.array([0.1, 1.0, 10.0])) ** 2)
+    half_width = extent(upright) * np.array([0.1, 1.0])
+    response = square_response(mixture, half_width, half_width)
+    for image in (upright, tilted):
+        response.energy(image, CENTRES[:1], 1e-6)
+        reach = max(abs(bound) for bound in (image.spot.x_min, image.spot.x_max, image.spot.y_min, image.spot.y_max))
+        assert reach <= common_extent(image, CENTRES[:1], 0.0) < 1.42 * reach
+    assert len(response.tables) == 1
+
+
+def test_gaussians_far_narrower_than_the_spot_are_not_in_the_table():
+    image = point(UPRIGHT)
+    mixture = GaussianMixture(np.full(4, 0.1), (extent(image) * np.array([1e-4, 1e-3, 0.1, 1.0])) ** 2)
+    table = polynomial_response(mixture, extent(image) * np.array([0.1, 1.0]), extent(image), 1e-6)
+    assert table.first == 2
+    alone = polynomial_response(mixture.only(np.arange(2)), np.ones(1), extent(image), 1e-6)
+    assert alone.first == 2
+    np.testing.assert_array_equal(alone.energy(image, CENTRES), np.zeros((2, 1)))
+
+
+def test_a_point_sees_the_table_without_error():
+    telescope = Telescope(0.0543, Pupil(0.48), SeidelTable(), math.radians(0.5), 1750.0)
+    (image,) = geometrical_images(telescope, [UPRIGHT])
+    width, half_width = np.array([0.01, 0.1, 1.0]), np.array([0.02, 0.2, 2.0])
+    mixture = GaussianMixture(np.full(3, 0.1), width**2)
+    energy = square_response(mixture, half_width, half_width).energy(image, [(0.0, 0.0)], 1e-3)
+    exact = 0.1 * np.sum(normal_probability(-half_width / width[:, None], half_width / width[:, None]) ** 2, axis=0)
+    np.testing.assert_allclose(energy[0], exact, rtol=1e-14)
 
 
 def test_a_gaussian_of_no_width_is_no_blur():

@@ -183,9 +183,12 @@ def test_unaberrated_systems_trace_nothing():
     scene, images = planned(system)
     assert effect(scene, "rays").because == "no aberration matters: one ray is all"
     assert len(scene.computations) == 1
-    from psfcli.image.geometric import geometrical_images
+    from psfcli.image.geometric import geometrical_images, moment_rays
+    from psfcli.image.patches import patches_apart
 
-    assert geometrical_images(scene.modelled_telescope, [scene.fields[1]])[0].rays.x.size == 1
+    assert moment_rays(scene.modelled_telescope, [scene.fields[1]])[0].x.size == 1
+    (point,) = geometrical_images(scene.modelled_telescope, [scene.fields[1]])
+    assert [rays.x.size for rays in patches_apart(point, 1e-3)] == [1]
     np.testing.assert_array_equal(images[0, 0].psf, images[0, 1].psf)
 
 

@@ -194,6 +194,7 @@ def _no_wider_than_distant(
     farthest ray; a group of _MOST_FIRST_SLICES is halved no more.
     """
     rho = np.linspace(inner, 1.0, 33)
+    found: list[tuple[Real, Real, Index]] = []
     while True:
         fans_x, fans_y = fans(bound, group)
         x, y = along_fans(fans_x, rho), along_fans(fans_y, rho)
@@ -210,10 +211,17 @@ def _no_wider_than_distant(
         slices = np.flatnonzero(group[1:] == group[:-1])
         wide = np.any(width > _APART * np.minimum(closest[:, 1:], closest[:, :-1]), axis=0)
         split = slices[wide[slices] & (np.bincount(group) <= _MOST_FIRST_SLICES)[group[slices]]]
+        again = np.isin(group, group[split])
+        slices = slices[~again[slices]]
+        found.append((bound[slices], bound[slices + 1], group[slices]))
         if split.size == 0:
-            return bound[slices], bound[slices + 1], group[slices]
+            left, right, of = (np.concatenate(parts) for parts in zip(*found, strict=True))
+            order = np.argsort(of, kind="stable")
+            return left[order], right[order], of[order]
         middle = 0.5 * (bound[split] + bound[split + 1])
         bound, group = np.insert(bound, split + 1, middle), np.insert(group, split + 1, group[split])
+        again = np.insert(again, split + 1, True)
+        bound, group = bound[again], group[again]
 
 
 def _length(x: Real, y: Real) -> Real:

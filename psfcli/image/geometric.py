@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,21 +37,32 @@ class RayBundle:
     y: Real
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class GeometricalImage:
-    """PSF_G of one field point.
-
-    ``rays`` integrate its moments to MAX_MOMENT (exactly on a full annulus); ``moments`` Q_ab of the spot about its
-    centroid, with the Gaussian part of its rms taken out (blur.py);
-    ``mirror_symmetric``: x and -x are alike.
-    """
+    """PSF_G of one field point; ``mirror_symmetric``: x and -x are alike."""
 
     telescope: Telescope
     field: Field
     spot: Spot
-    rays: RayBundle
-    moments: Real
     mirror_symmetric: bool
+
+    @cached_property  # pixels alone ask for it
+    def moments(self) -> Real:
+        """Q_ab of the spot about its centroid, with the Gaussian part of its rms taken out (blur.py) [mm^(a+b)].
+
+        E[He_a(eps_x - cx; rms_x^2) He_b(eps_y - cy; rms_y^2)]/(a! b!) for a + b <= MAX_MOMENT, zero beyond: shape
+        (MAX_MOMENT + 1, MAX_MOMENT + 1). Exact on a full annulus.
+        """
+        (rays,) = moment_rays(self.telescope, [self.field])
+        spot, order = self.spot, np.arange(MAX_MOMENT + 1)
+        factorial = np.cumprod(np.maximum(order, 1)).astype(np.float64)[:, None]
+        x = _scaled_hermite(rays.x - spot.centroid_x, spot.rms_x) / factorial
+        y = _scaled_hermite(rays.y - spot.centroid_y, spot.rms_y) / factorial
+        moments: Real = (x * rays.share) @ y.T
+        moments[np.add.outer(order, order) > MAX_MOMENT] = 0.0
+        if self.mirror_symmetric:
+            moments[1::2] = 0.0  # rounding, where symmetry has nothing
+        return moments
 
     @property
     def is_a_point(self) -> bool:
@@ -122,14 +134,17 @@ def ray_bundles(telescope: Telescope, fields: Sequence[Field], radii: int, azimu
 
 
 def geometrical_images(telescope: Telescope, fields: Sequence[Field]) -> list[GeometricalImage]:
-    """PSF_G of each field point reduced to what later steps ask of it."""
+    """PSF_G of each field point."""
+    return [
+        GeometricalImage(telescope, field, spot, _is_mirror_symmetric(telescope, field))
+        for field, spot in zip(fields, spots(telescope, fields), strict=True)
+    ]
+
+
+def moment_rays(telescope: Telescope, fields: Sequence[Field]) -> list[RayBundle]:
+    """Rays that integrate all moments of each spot to MAX_MOMENT, exactly on a full annulus."""
     azimuths = (2 if telescope.pupil.is_full_annulus else 8) * (MAX_MOMENT + 1)
-    rays = ray_bundles(telescope, fields, 2 * MAX_MOMENT, azimuths)
-    found = spots(telescope, fields)
-    symmetric = [_is_mirror_symmetric(telescope, field) for field in fields]
-    moments = _quasi_moments(rays, found, symmetric)
-    each = zip(fields, found, rays, moments, symmetric, strict=True)
-    return [GeometricalImage(telescope, *parts) for parts in each]
+    return ray_bundles(telescope, fields, 2 * MAX_MOMENT, azimuths)
 
 
 def spots(telescope: Telescope, fields: Sequence[Field]) -> list[Spot]:
@@ -169,24 +184,7 @@ def _is_mirror_symmetric(telescope: Telescope, field: Field) -> bool:
     return telescope.pupil.is_full_annulus and telescope.relative_field(field)[0] == 0.0
 
 
-def _quasi_moments(rays: Sequence[RayBundle], about: Sequence[Spot], symmetric: Sequence[bool]) -> Real:
-    """E[He_a(eps_x - cx; rms_x^2) He_b(eps_y - cy; rms_y^2)]/(a! b!) [mm^(a+b)] for a + b <= MAX_MOMENT, zero beyond.
-
-    Shape (spot, MAX_MOMENT + 1, MAX_MOMENT + 1). ``symmetric``: x and -x are alike.
-    """
-    order = np.arange(MAX_MOMENT + 1)
-    factorial = np.cumprod(np.maximum(order, 1)).astype(np.float64)
-    centroid = np.array([(spot.centroid_x, spot.centroid_y) for spot in about])[..., None]
-    rms = np.array([(spot.rms_x, spot.rms_y) for spot in about])[..., None]
-    hermite = _scaled_hermite(np.array([(of.x, of.y) for of in rays]) - centroid, rms) / factorial[:, None, None, None]
-    x, y = hermite.transpose(2, 1, 0, 3)
-    moments: Real = (x * rays[0].share) @ y.swapaxes(1, 2)
-    moments[:, np.add.outer(order, order) > MAX_MOMENT] = 0.0
-    moments[symmetric, 1::2] = 0.0  # rounding, where symmetry has nothing
-    return moments
-
-
-def _scaled_hermite(x: Real, rms: Real) -> Real:
+def _scaled_hermite(x: Real, rms: float) -> Real:
     """He_n(x; rms^2) for n = 0..MAX_MOMENT, shape (order, *x.shape): He_(n+1) = x He_n - n rms^2 He_(n-1)."""
     out = np.empty((MAX_MOMENT + 1, *x.shape))
     out[0] = 1.0

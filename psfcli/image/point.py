@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,8 +71,8 @@ def wavelength_scatter(
     rough = halo.mixture.weight.size > 0
     places = slice(0, None, max(1, half_width.size // _JUDGED_BOXES))
     squares = JudgedSquares(
-        used=replace(square_response(halo.mixture, halo.held(half_width)), half_width=half_width),
-        finer=square_response(finer.mixture, finer.held(half_width[places])),
+        used=square_response(halo.mixture, half_width, halo.held(half_width)),
+        finer=square_response(finer.mixture, half_width[places], finer.held(half_width[places])),
         places=places,
     )
     difference = np.abs(unaberrated_energy(halo, half_width) - unaberrated_energy(finer, half_width))
