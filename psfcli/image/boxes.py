@@ -27,7 +27,7 @@ Index = NDArray[np.intp]
 _MOST_FIRST_SLICES = 10_000
 _MOST_SEEN_AT_ONCE = 300_000  # first slices of all groups: half a gigabyte
 _BOXES_TOGETHER = 24
-_SLICES_AT_ONCE = 1024
+_SLICES_AT_ONCE = 2048
 # how far apart neighbouring fans may pass, in the lesser of their distances: each slice is at most four times as far
 # out as the one before it
 _APART = 3.0

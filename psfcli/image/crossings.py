@@ -86,11 +86,12 @@ def light_in_squares(fans_x: Real, fans_y: Real, inner: float, half_width: Real)
     outward = np.where(upper == cut.rising, 1.0, -1.0)
     crossed = np.bincount(fan * boxes + box, outward * counted * cut.rho**2, azimuths * boxes)
     light = crossed.astype(np.float64).reshape(azimuths, boxes)  # counts of nothing are integers
-    for end, power in ((-1, 1.0), (0, -(inner**2))):
-        distance = np.abs(branches.value[end]).reshape(2, azimuths).max(axis=0)
-        np.add(light, power, out=light, where=distance[:, None] <= half_width)
-    share: Real = light / (1.0 - inner**2)
-    return share
+    at_inner, at_rim = (np.abs(branches.value[end]).reshape(2, azimuths).max(axis=0)[:, None] for end in (0, -1))
+    light += at_rim <= half_width
+    if inner > 0.0:
+        light -= inner**2 * (at_inner <= half_width)
+        light /= 1.0 - inner**2
+    return light
 
 
 @dataclass(frozen=True, slots=True)

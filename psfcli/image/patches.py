@@ -39,7 +39,7 @@ _GAUSS = 1.67  # on panels of LARGEST_PANEL nodes; measured for errors from 1e-3
 _SIDE = 8  # rays of a patch along the radius, at most, and along the azimuth
 _FEWEST_RADII, _FEWEST_AZIMUTHS = 6.0, 6.0  # a ray error is a cubic in the radius, two harmonics in azimuth
 _SLOWEST = 0.02  # of the largest speed: no ring is wider in the pupil than this lets it be
-_PATCHES_AT_ONCE = 16  # that a processor's cache holds
+_PATCHES_AT_ONCE, _RAYS_AT_ONCE = 16, 1024  # that a processor's cache holds
 _RINGS, _SPOKES = 48, 96  # of the table of speeds
 
 
@@ -106,19 +106,47 @@ def patches_apart(
         return
     if _holds(window, image.spot):
         window = EVERYWHERE
+    for edges, radii, azimuths in _panels(image, spacing):
+        each = radii if radii <= _SIDE else LARGEST_PANEL
+        yield from _ring(image, edges, each, azimuths, spacing, half=half, window=window)
+
+
+def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -> Iterator[RayBundle]:
+    """The rays of ``patches_apart`` wherever they land, no more than asked for, in bundles of shape (ray,)."""
+    if image.telescope.seidel == SeidelTable():
+        yield RayBundle(np.ones(1), np.zeros(1), np.zeros(1))
+        return
+    for edges, radii, azimuths in _panels(image, spacing):
+        rho, lit = _lit_radii(image, edges, radii)
+        azimuth, slice_weight = pupil_azimuths(image.telescope, image.field, 2 * math.ceil(0.5 * azimuths), half=half)
+        together = max(1, _RAYS_AT_ONCE // radii)
+        for first in range(0, azimuth.size, together):
+            some = slice(first, first + together)
+            x, y = (along_fans(fans, rho).ravel() for fans in ray_fans(image.telescope, image.field, azimuth[some]))
+            yield RayBundle(np.outer(lit, slice_weight[some]).ravel(), x, y)
+
+
+def _panels(image: GeometricalImage, spacing: float) -> Iterator[tuple[tuple[float, float], int, int]]:
+    """Rings of equal path along the radius, of LARGEST_PANEL radii at most: edges, radii and azimuths of each."""
     rings = _rings(image.telescope, image.field)
     path = np.append(0.0, np.cumsum(np.maximum(rings.radial, _SLOWEST * rings.radial.max())))
     start, stop = image.telescope.pupil.sector
     radii = _FEWEST_RADII + _GAUSS * path[-1] / spacing
     count = math.ceil(radii / LARGEST_PANEL)
     edges = np.interp(np.linspace(0.0, path[-1], count + 1), path, rings.rho) if count > 1 else rings.rho[[0, -1]]
-    each = math.ceil(radii / count)
-    each = each if each <= _SIDE else LARGEST_PANEL
     per_azimuth = _azimuthal_nodes(image) * (stop - start) / spacing
-    for inner, outer in itertools.pairwise(edges):
+    for inner, outer in itertools.pairwise(edges.tolist()):
         met = (rings.rho[1:] > inner) & (rings.rho[:-1] < outer)
         azimuths = _FEWEST_AZIMUTHS + per_azimuth * float(rings.azimuthal[met].max())
-        yield from _ring(image, (inner, outer), each, math.ceil(azimuths), spacing, half=half, window=window)
+        yield (inner, outer), math.ceil(radii / count), math.ceil(azimuths)
+
+
+def _lit_radii(image: GeometricalImage, edges: tuple[float, float], count: int) -> tuple[Real, Real]:
+    """``count`` pupil radii between two ``edges`` by Gauss's rule, and the light that each stands for."""
+    inner, outer = edges
+    node, weight = gauss_legendre(count)
+    rho = 0.5 * (inner + outer) + 0.5 * (outer - inner) * node
+    return rho, rho * weight * ((outer - inner) / (1.0 - image.telescope.pupil.obscuration**2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,10 +212,7 @@ def _ring(
     window: Window,
 ) -> Iterator[RayBundle]:
     """The rays of one ring between the pupil radii ``edges``."""
-    inner, outer = edges
-    node, weight = gauss_legendre(radii)
-    rho = 0.5 * (inner + outer) + 0.5 * (outer - inner) * node
-    lit = rho * weight * (outer - inner) / (1.0 - image.telescope.pupil.obscuration**2)
+    rho, lit = _lit_radii(image, edges, radii)
     azimuths = LARGEST_PANEL * math.ceil(azimuths / LARGEST_PANEL)
     azimuth, slice_weight = pupil_azimuths(image.telescope, image.field, azimuths, half=half)
     side = min(radii, _SIDE)

@@ -139,9 +139,10 @@ def _halved_until(
             good = doubt.max(axis=1) <= share
             both = np.flatnonzero(good[one] & good[other])
             least = _LEAST_FALL * together[both]
+            most = least.max(axis=1)
             for each in (one[both], other[both]):
                 doubt[each] = np.maximum(doubt[each], least)
-                good[each] = doubt[each].max(axis=1) <= share[each]
+                good[each] &= most <= share[each]
             good |= (count > _MOST_NODES)[g]
             done, more = np.flatnonzero(good), np.flatnonzero(~good)
             twelfth = ((b - a)[done] / 12.0)[:, None]

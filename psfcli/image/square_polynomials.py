@@ -24,7 +24,7 @@ from scipy import special
 
 from psfcli.image.blur import ray_error
 from psfcli.image.geometric import GeometricalImage
-from psfcli.image.patches import patches_apart
+from psfcli.image.patches import rays_apart
 from psfcli.surface.mixture import GaussianMixture
 
 Real = NDArray[np.float64]
@@ -133,12 +133,11 @@ def polynomial_moments(point: GeometricalImage, centres: Centres, extent: float,
     x, y = np.array(centres).T
     half = point.mirror_symmetric and not x.any()
     x = x[:1] if np.all(x == x[0]) else x  # fields along y share it
-    for rays in patches_apart(point, spacing, half=half):
+    for rays in rays_apart(point, spacing, half=half):
         in_x, in_y = (
-            _even_chebyshev((landing.ravel() - of[:, None]) / extent, count)
-            for landing, of in ((rays.x, x), (rays.y, y))
+            _even_chebyshev((landing - of[:, None]) / extent, count) for landing, of in ((rays.x, x), (rays.y, y))
         )
-        in_x *= rays.share.ravel()
+        in_x *= rays.share
         moments += in_x @ in_y.swapaxes(1, 2)
     return moments
 

@@ -12,7 +12,7 @@ import numpy as np
 from psfcli.products.units import DEG, NM, UM, converted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
     from typing import BinaryIO
 
@@ -58,7 +58,7 @@ class CsvProduct:
             self._waiting[wavelength_index, field_index] = image.ensquared
         while self._due and self._due[0][1] in self._waiting:
             key, place = self._due.popleft()
-            self._stream.write("".join(_lines(_block(key, self._waiting.pop(place), self._pixel))).encode())
+            self._stream.write(_lines(_block(key, self._waiting.pop(place), self._pixel)).encode())
 
 
 def ensquared_rows(header: RunHeader, summaries: Sequence[ImageSummary]) -> list[NDArray[np.float64]]:
@@ -90,14 +90,14 @@ def _listed(header: RunHeader) -> list[tuple[_Key, _Place]]:
     return sorted(images.items())
 
 
-def _lines(block: NDArray[np.float64]) -> Iterator[str]:
-    for row in zip(*(_digits(column.tobytes()) for column in block.T), strict=True):
-        yield ",".join(row) + "\n"
+def _lines(block: NDArray[np.float64]) -> str:
+    rows = zip(*(_digits(column.tobytes()) for column in block.T), strict=True)
+    return "".join([",".join(row) + "\n" for row in rows])
 
 
 @lru_cache(maxsize=4 * len(EE_COLUMNS))  # half the columns of one image are those of the next
 def _digits(column: bytes) -> list[str]:
-    return [repr(value) for value in np.frombuffer(column).tolist()]
+    return repr(np.frombuffer(column).tolist())[1:-1].split(", ")  # a third faster than one repr after the other
 
 
 def _block(key: _Key, boxes: EnsquaredEnergy, pixel: float) -> NDArray[np.float64]:
