@@ -53,7 +53,7 @@ class SquareTable:
 
 @dataclass(frozen=True)
 class RadialScatter:
-    """Tables of S, and of the energies within and beyond r; ``core`` is the narrowest knee lambda d/B [mm].
+    """Tables of S, and of the energies within r and, but for a constant, beyond; ``core`` is the narrowest knee [mm].
 
     ``worst`` is the largest relative noise plus error between the tabled radii up to the reach, ``closure`` what the
     shells and the tail miss of 1 - exp(-sum g).
@@ -109,7 +109,10 @@ def _radial_scatter(wavelength: float, surfaces: tuple[RoughSurface, ...], reach
     total = -math.expm1(-math.fsum(phase_variance(wavelength, s) for s in surfaces))
     slope = float(log_density(log_r[-1], 1))
     tail = 2.0 * np.pi * math.exp(2.0 * log_r[-1]) * density[-1] * ratio[-1] / (-slope - 2.0)
-    beyond = max(tail, 0.0) + 2.0 * float(-np.minimum(shells, 0.0).sum()) + 1e-300
+    # a constant that no rectangle sees: the tail, or on a plateau, where that says nothing, as much as a shell, so that
+    # the logarithm stays smooth up to the end
+    end = 2.0 * np.pi * math.exp(2.0 * log_r[-1]) * density[-1] * abs(ratio[-1]) / max(-slope - 2.0, 1.0)
+    beyond = end + 2.0 * float(-np.minimum(shells, 0.0).sum()) + 1e-300
     outside = beyond + np.append(np.cumsum(shells[::-1])[::-1], 0.0)
     log_inside, log_outside = (make_interp_spline(log_r, np.log(energy), k=7) for energy in (inside, outside))
     functions = (
