@@ -103,6 +103,26 @@ def test_where_a_steep_wing_sinks_into_the_plateau_of_a_far_wider_term_the_table
     assert halo.worst < 2e-10
 
 
+def test_a_table_that_ends_where_a_steep_wing_sinks_into_a_plateau_is_the_contour_in_mpmath_up_to_its_reach():
+    # its splines err by 2e-9 in their last intervals, beyond the reach, and for that the table was refused; and on a
+    # plateau, where the slope tells of no tail, the energy beyond the last radius was taken for nought
+    K = mirror(1e-5, 1.0).K
+    rough = (
+        mirror(1e-5, d, (sigma_for_phase_variance(g, K, 1e-5, B, C), B, C))
+        for d, g, B, C in ((1e3, 0.03, 3e-3, 8.0), (1e4, 5e-4, 1e-3, 2.0))
+    )
+    system, reach = TruthSystem(1e-5, tuple(rough)), 12.0
+    r = np.array([9.0, 11.999])
+    halo, longer = radial_scatter(system, reach), radial_scatter(system, 10.0 * reach)
+    exact = float(scatter_psf_mpmath(system, r[1])) - missing_psf(system, r[1:])
+    np.testing.assert_allclose(halo.psf(r[1:] ** 2), exact, rtol=5e-12)  # 8e-13 measured
+    np.testing.assert_allclose(halo.inside(r * r), longer.inside(r * r), rtol=1e-13)
+    # between the two radii, as a constant counts in no rectangle; 5e-6 of it where the logarithm fell to nought
+    shell, wider = (-float(np.diff(table.outside(r * r))[0]) for table in (halo, longer))
+    assert shell == pytest.approx(wider, rel=1e-10)  # all beyond the longer is fifty times as much
+    assert halo.worst < 1e-11
+
+
 def test_what_rays_leave_out_near_the_origin_is_told():
     # the light of a knee 2e5 times as wide is at 2 pi q r = 1e-9, and the middle of one with C = 1.1 still nearer
     apart = TruthSystem(1e-5, (mirror(1e-5, 1e3, (1e-9, 20.0, 5.0)), mirror(1e-5, 1e4, (2e-8, 1e-3, 3.0))))

@@ -53,10 +53,10 @@ class SquareTable:
 
 @dataclass(frozen=True)
 class RadialScatter:
-    """Tables of S, and of the energies within and beyond r; ``core`` is the narrowest knee lambda d/B [mm].
+    """Tables of S, and of the energies within r and, but for a constant, beyond; ``core`` is the narrowest knee [mm].
 
-    ``worst`` is the largest relative noise plus error between the tabled radii, ``closure`` what the shells and the
-    tail miss of 1 - exp(-sum g).
+    ``worst`` is the largest relative noise plus error between the tabled radii up to the reach, ``closure`` what the
+    shells and the tail miss of 1 - exp(-sum g).
     """
 
     core: float
@@ -98,7 +98,7 @@ def _radial_scatter(wavelength: float, surfaces: tuple[RoughSurface, ...], reach
         density = exact if exact.min() > 0.0 else _first_order(system, r)
         ratio = exact / density
         worst = float(np.max(noise))
-    worst += _between(log_r, np.log(density)) + _between(log_r, ratio)
+    worst += _between(log_r, np.log(density), reach) + _between(log_r, ratio, reach)
     if not worst < NOISE:
         raise ArithmeticError(f"S(r) is known to no better than {worst:.1g} of itself")
     log_density, clip = (make_interp_spline(log_r, values, k=7) for values in (np.log(density), ratio))
@@ -109,7 +109,10 @@ def _radial_scatter(wavelength: float, surfaces: tuple[RoughSurface, ...], reach
     total = -math.expm1(-math.fsum(phase_variance(wavelength, s) for s in surfaces))
     slope = float(log_density(log_r[-1], 1))
     tail = 2.0 * np.pi * math.exp(2.0 * log_r[-1]) * density[-1] * ratio[-1] / (-slope - 2.0)
-    beyond = max(tail, 0.0) + 2.0 * float(-np.minimum(shells, 0.0).sum()) + 1e-300
+    # a constant that no rectangle sees: the tail, or on a plateau, where that says nothing, as much as a shell, so that
+    # the logarithm stays smooth up to the end
+    end = 2.0 * np.pi * math.exp(2.0 * log_r[-1]) * density[-1] * abs(ratio[-1]) / max(-slope - 2.0, 1.0)
+    beyond = end + 2.0 * float(-np.minimum(shells, 0.0).sum()) + 1e-300
     outside = beyond + np.append(np.cumsum(shells[::-1])[::-1], 0.0)
     log_inside, log_outside = (make_interp_spline(log_r, np.log(energy), k=7) for energy in (inside, outside))
     functions = (
@@ -126,10 +129,15 @@ def _radial_scatter(wavelength: float, surfaces: tuple[RoughSurface, ...], reach
     )
 
 
-def _between(x: np.ndarray, values: np.ndarray) -> float:
-    """The largest error between the nodes of a spline of degree 7, error ~ spacing^8: from that of every other node."""
-    coarse = make_interp_spline(x[::2], values[::2], k=7)
-    return float(np.max(np.abs(coarse(x[1:-1]) - values[1:-1]))) / 2.0**8
+def _between(log_r: np.ndarray, values: np.ndarray, reach: float) -> float:
+    """The largest error, up to ``reach``, of a spline of degree 7 between its nodes, some of which lie beyond.
+
+    Error ~ spacing^8: from that of every other node. In its last intervals, which have no knots of their own, a spline
+    errs a thousand times as much as inside; that halves from node to node, and the nodes beyond keep it out of reach.
+    """
+    coarse = make_interp_spline(log_r[::2], values[::2], k=7)
+    missed = np.abs(coarse(log_r) - values)[log_r <= math.log(reach)]
+    return float(np.max(missed)) / 2.0**8
 
 
 def _first_order(system: TruthSystem, r: np.ndarray) -> np.ndarray:
