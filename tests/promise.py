@@ -193,6 +193,9 @@ def kept(scene: Scene, accuracy: float, truth: Truth) -> Kept:
         judge = JUDGED_RELATIVE * p.energy + JUDGED_ENERGY * p.lit
         pixels[place] = max(0.0, abs(got - p.energy) - asked.ee * p.lit - judge) / p.energy
     table = result.ensquared_energy
+    for column in ("ee", "ee_chief", "ee_centroid", "ee_unaberrated"):
+        if not np.all((table[column] >= 0.0) & (table[column] <= 1.0)):
+            faults.append(f"{column}: from {np.min(table[column]):.2e} to {np.max(table[column]):.17g}")
     energies = {
         f"{column} [{box}]": abs(float(table[column][box]) - energy) for (column, box), energy in truth.boxes.items()
     }

@@ -135,6 +135,29 @@ def test_gaussians_far_narrower_than_the_spot_are_not_in_the_table():
     np.testing.assert_array_equal(alone.energy(image, CENTRES), np.zeros((2, 1)))
 
 
+def test_ten_thousand_squares_make_no_table_of_gigabytes():
+    image = point(UPRIGHT)
+    mixture = GaussianMixture(np.full(3, 0.1), (extent(image) * np.array([0.1, 1.0, 10.0])) ** 2)
+    half_width = extent(image) * np.linspace(0.001, 10.0, 10_000)
+    many = square_response(mixture, half_width, half_width)
+    energy = many.energy(image, CENTRES, 1e-6)
+    (table,) = many.tables.values()
+    assert table.response.nbytes <= 2**25
+    few = half_width[::999]
+    np.testing.assert_allclose(
+        energy[:, ::999], square_response(mixture, few, few).energy(image, CENTRES, 1e-6), atol=1e-6
+    )
+
+
+def test_what_small_squares_hold_is_no_noise_however_little_is_asked():
+    """A hundredth asked of energies of which the smallest is a millionth: no less, for its own sake, than one digit."""
+    image = point(UPRIGHT)
+    mixture = GaussianMixture(np.full(3, 0.3), (extent(image) * np.array([0.2, 1.0, 10.0])) ** 2)
+    half_width = extent(image) * np.array([0.001, 0.01, 0.1])
+    energy = square_response(mixture, half_width, half_width).energy(image, CENTRES, 1e-2)
+    np.testing.assert_allclose(energy, by_rays(image, mixture, CENTRES, half_width), rtol=0.1)
+
+
 def test_a_point_sees_the_table_without_error():
     telescope = Telescope(0.0543, Pupil(0.48), SeidelTable(), math.radians(0.5), 1750.0)
     (image,) = geometrical_images(telescope, [UPRIGHT])

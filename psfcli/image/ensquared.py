@@ -58,7 +58,7 @@ def ensquared_energy(
     unaberrated = np.minimum(unaberrated_energy(halo, half_width), 1.0)
     for point, some, (inside, error) in zip(points, distinct, unscattered, strict=True):
         scattered, difference = squares.energy(point, some, tolerance.ee, finer_tolerance)
-        # a box that holds all may come out above 1 by the error allowed
-        energy = dict(zip(some, np.minimum(scattered + weight * inside, 1.0), strict=True))
+        # a box that holds all may come out above 1 by the error allowed, one that holds nothing below 0
+        energy = dict(zip(some, np.clip(scattered + weight * inside, 0.0, 1.0), strict=True))
         ee, chief, centroid = (energy[centre] for centre in box_centres(point.spot))
         yield EnsquaredEnergy(half_width, ee, chief, centroid, unaberrated), weight * error, difference

@@ -31,7 +31,9 @@ Real = NDArray[np.float64]
 Centres = Sequence[tuple[float, float]]
 
 _COUNTS = np.arange(4, 49)  # of polynomials along an axis: more cost more than rays on a grid do
+_LARGEST_TABLE, _BOXES_AT_ONCE = 1 << 22, 512  # numbers of a table, and squares whose series are held at once
 _SHARE = 0.03  # of the tolerance, for what the series leave out: a digit costs two polynomials
+_LEAST_DIGITS = 1e-3  # of the scattered light, where more is allowed: what small squares hold is no noise
 _RAY_SHARE = 0.3  # for what rays leave out
 _CLOSEST, _FARTHEST = 0.5, 4.4  # widths that rays are apart, at which they err by 1e-34 and by 1
 _SPACINGS = 200
@@ -74,26 +76,30 @@ def polynomial_response(
 ) -> PolynomialResponse:
     """The table for squares of ``half_width`` [mm] and spots of an ``extent`` [mm].
 
-    It begins with the first Gaussian, by increasing variance, for which _COUNTS suffice. All together err by a part of
-    the ``tolerance``, of all light.
+    It begins with the first Gaussian, by increasing variance, for which _COUNTS suffice; fewer of them where there are
+    very many squares. All together err by a part of the ``tolerance``, of all light.
     """
-    weight, width = mixture.weight, np.sqrt(mixture.variance)
-    left_out = 2.0 * np.abs(weight)[:, None] * truncation_error(extent / width[:, None], _COUNTS)
+    weight, width, boxes = mixture.weight, np.sqrt(mixture.variance), half_width.size
+    counts = _COUNTS[_COUNTS**2 * boxes <= _LARGEST_TABLE]
+    left_out = 2.0 * np.abs(weight)[:, None] * truncation_error(extent / width[:, None], counts)
     together = np.cumsum(left_out[::-1], axis=0)[::-1]  # of a Gaussian and all wider ones
-    first = int(np.count_nonzero(together[:, -1] > _SHARE * tolerance))
+    allowed = _SHARE * min(tolerance, _LEAST_DIGITS * float(np.abs(weight).sum()))
+    first = int(np.count_nonzero(together[:, -1] > allowed))
     if first == weight.size:
-        return PolynomialResponse(extent, first, math.inf, np.zeros((0, 0, half_width.size)))
-    enough = _COUNTS[np.argmax(together[first:] <= _SHARE * tolerance, axis=1)]
+        return PolynomialResponse(extent, first, math.inf, np.zeros((0, 0, boxes)))
+    enough = counts[np.argmax(together[first:] <= allowed, axis=1)]
     weight, width, count = weight[first:], width[first:], int(enough[0])
-    series = np.zeros((weight.size, half_width.size, count))
-    steps = np.minimum(2 ** np.ceil(np.log2(enough)).astype(np.intp), count)
-    for few in np.unique(steps):
-        some = steps == few
-        series[some, :, :few] = _series(width[some], half_width, extent, int(few))
-    by_box = series.transpose(1, 2, 0)
-    response = np.moveaxis((by_box * weight) @ by_box.swapaxes(1, 2), 0, 2)
-    spacing = _spacing(np.abs(weight), width, _RAY_SHARE * tolerance)
-    return PolynomialResponse(extent, first, spacing, np.ascontiguousarray(response))
+    steps = np.minimum(2 ** np.ceil(np.log2(enough)).astype(np.intp), count)  # few serve the many wide ones
+    response = np.empty((count, count, boxes))
+    for start in range(0, boxes, _BOXES_AT_ONCE):
+        some_boxes = slice(start, start + _BOXES_AT_ONCE)
+        series = np.zeros((weight.size, half_width[some_boxes].size, count))
+        for few in np.unique(steps):
+            some = steps == few
+            series[some, :, :few] = _series(width[some], half_width[some_boxes], extent, int(few))
+        by_box = series.transpose(1, 2, 0)
+        response[..., some_boxes] = np.moveaxis((by_box * weight) @ by_box.swapaxes(1, 2), 0, 2)
+    return PolynomialResponse(extent, first, _spacing(np.abs(weight), width, _RAY_SHARE * tolerance), response)
 
 
 def _series(width: Real, half_width: Real, extent: float, count: int) -> Real:

@@ -22,6 +22,7 @@ from psfcli.surface.mixture import GaussianMixture
 Real = NDArray[np.float64]
 
 _SHARE = 0.3  # of the tolerance, for what narrow ones leave out
+_MOST_TABLES = 4  # held: neighbouring fields ask for the same
 _LEAST_EXTENT = 1e-3  # of the narrowest Gaussian: of a spot as small as that, four polynomials leave out 1e-20
 
 
@@ -48,6 +49,8 @@ class SquareResponse:
         weight, variance = self.mixture.weight, self.mixture.variance
         extent = common_extent(point, centres, _LEAST_EXTENT * math.sqrt(float(variance[0])))
         if (extent, tolerance) not in self.tables:
+            if len(self.tables) == _MOST_TABLES:
+                self.tables.clear()
             self.tables[extent, tolerance] = polynomial_response(self.mixture, self.held, extent, tolerance)
         table = self.tables[extent, tolerance]
         energy = table.energy(point, centres)
