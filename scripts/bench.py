@@ -184,7 +184,7 @@ def large_kernel() -> None:
 
 
 def whole_run() -> None:
-    """A whole process against its imports, and a hundred fields against one."""
+    """A whole process against its imports, accuracies against each other, and a hundred fields against one."""
     psf = [sys.executable, "-m", "psfcli", "run", str(PAPER), "--overwrite", "-q"]
     with tempfile.TemporaryDirectory() as directory:
         out = ["-o", str(Path(directory) / "out")]
@@ -192,6 +192,12 @@ def whole_run() -> None:
             lambda: process(*psf, *out), lambda: process(sys.executable, "-c", IMPORTS), repetitions=7
         )
         print(f"psfcli run of the paper's case / importing its libraries: {value:.2f}  ({ours:.2f} s, {theirs:.2f} s)")
+        value, ours, theirs = ratio(
+            lambda: process(*psf, *out, "--accuracy", "reference"),
+            lambda: process(*psf, *out, "--accuracy", "standard"),
+            repetitions=3,
+        )
+        print(f"the paper's case at reference / standard accuracy: {value:.2f}  ({ours:.2f} s, {theirs:.2f} s)")
         hundred = ["--set", "fields={start: 0 deg, stop: 0.5 deg, count: 100}"]
         one = ["--field", "0.5 deg"]
         csv = ["--format", "csv"]

@@ -120,7 +120,7 @@ def _over_azimuths(
         left, right, group = _slices_about(fans, inner, start, stop, seen, smallest)
         # boxes share fans, and each brings its kinks to the others: as many for any points that come together
         for first in range(0, int(some.max()), _BOXES_TOGETHER):
-            boxes, cut = slice(first, first + _BOXES_TOGETHER), np.flatnonzero(some > first)
+            boxes, cut = slice(first, min(first + _BOXES_TOGETHER, int(some.max()))), np.flatnonzero(some > first)
             own = np.isin(group, cut)
             rule = integrate_adaptively(
                 functools.partial(light_along, boxes, cut),

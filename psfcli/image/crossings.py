@@ -85,7 +85,7 @@ def light_in_squares(fans_x: Real, fans_y: Real, inner: float, half_width: Real)
     counted = np.where(np.abs(across) <= _ON_CORNER * w, 0.5, across < 0.0)
     outward = np.where(upper == cut.rising, 1.0, -1.0)
     crossed = np.bincount(fan * boxes + box, outward * counted * cut.rho**2, azimuths * boxes)
-    light = crossed.astype(np.float64).reshape(azimuths, boxes)  # counts of nothing are integers
+    light = crossed.astype(np.float64, copy=False).reshape(azimuths, boxes)  # counts of nothing are integers
     at_inner, at_rim = (np.abs(branches.value[end]).reshape(2, azimuths).max(axis=0)[:, None] for end in (0, -1))
     light += at_rim <= half_width
     if inner > 0.0:
