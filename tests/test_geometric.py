@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import itertools
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from psfcli.image.blur import TAIL, ray_spacing
 from psfcli.image.boxes import unscattered_in_boxes
 from psfcli.image.geometric import GeometricalImage, RayBundle, geometrical_images, moment_rays, spots
 from psfcli.image.graded import graded_rays
-from psfcli.image.patches import EVERYWHERE, patches_apart, ray_count
+from psfcli.image.patches import EVERYWHERE, patches_apart, ray_count, rays_apart
 from psfcli.image.unscattered import unscattered_in_windows, unscattered_on_grid
 from psfcli.telescope.aberration import wavefront
 from psfcli.telescope.seidel import SeidelTable
@@ -55,8 +56,13 @@ def around(case: TruthSystem, cells: int = 7) -> np.ndarray:
 
 def landed(point: GeometricalImage, spacing: float, window=EVERYWHERE) -> RayBundle:
     """All rays ``spacing`` apart that land near the window."""
-    parts = list(patches_apart(point, spacing, window=window))
-    return RayBundle(*(np.concatenate([getattr(p, name).ravel() for p in parts]) for name in ("share", "x", "y")))
+    return joined(patches_apart(point, spacing, window=window))
+
+
+def joined(parts: Iterable[RayBundle]) -> RayBundle:
+    """All rays of some bundles."""
+    each = list(parts)
+    return RayBundle(*(np.concatenate([getattr(p, name).ravel() for p in each]) for name in ("share", "x", "y")))
 
 
 @functools.cache
@@ -283,6 +289,7 @@ def test_defocus_in_a_sector_is_a_sector_of_a_disc(obscuration):
     for rays in (
         moment_rays(point.telescope, [point.field])[0],
         landed(point, 0.5 * width),
+        joined(rays_apart(point, 0.5 * width)),
         graded_rays(point, lambda x, _: np.full_like(x, 0.15 * width), 7),
     ):
         assert rays.share.sum() == pytest.approx(1.0, rel=1e-12)
