@@ -21,6 +21,7 @@ CURED = {  # (seed, number): once beyond their accuracy, or told to be
     (12, 713): "a line of light as thin as none",
     (12, 752): "a square whose corner just touches the light",
     (14, 409): "kinks near the ends of slices, alike on all sides of a square",
+    (23, 980): "cores along fans that are halved no further, however finely they are judged",
     (101, 37): "a mixture that errs as little as one ten times finer",
     (101, 39): "a halo that reaches just to the corners of the largest square",
     (102, 19): "a spot across an edge, its cores narrower than a sub-pixel and as wide as itself",

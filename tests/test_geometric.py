@@ -289,7 +289,7 @@ def test_defocus_in_a_sector_is_a_sector_of_a_disc(obscuration):
     for rays in (
         moment_rays(point.telescope, [point.field])[0],
         landed(point, 0.5 * width),
-        joined(rays_apart(point, 0.5 * width)),
+        joined(rays_apart(point, 0.5 * width, 6)),
         graded_rays(point, lambda x, _: np.full_like(x, 0.15 * width), 7),
     ):
         assert rays.share.sum() == pytest.approx(1.0, rel=1e-12)

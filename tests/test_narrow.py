@@ -53,10 +53,11 @@ def test_grid_and_fans_hold_what_very_many_rays_say(field, pupil):
     half_width = extent(image) * np.array([0.01, 0.1, 0.3, 0.6, 2.0])
     mixture = GaussianMixture(np.array([0.3, 0.2]), (extent(image) / np.array([40.0, 15.0])) ** 2)
     expected = by_rays(image, mixture, CENTRES, half_width)  # these rays err by exp(-2 pi^2 s^2/spacing^2): nothing
-    fans = blurred_in_boxes(image, CENTRES, half_width, np.full(2, 1e-8), mixture)
+    fans, told = blurred_in_boxes(image, CENTRES, half_width, np.full(2, 1e-8), mixture)
     np.testing.assert_allclose(fans, expected, atol=2e-8)  # asked, and as much for the blur of edges
+    assert 0.0 < told <= 1e-8
     tight = np.full(2, 1e-9)
-    gridded = narrow_in_squares(image, mixture, CENTRES, half_width, np.full(2, 1e-9), np.full(2, 1e-30))
+    gridded, _ = narrow_in_squares(image, mixture, CENTRES, half_width, np.full(2, 1e-9), np.full(2, 1e-30))
     np.testing.assert_allclose(gridded, expected, atol=float(tight.sum()))
 
 
@@ -67,8 +68,8 @@ def test_a_window_is_lit_by_rays_near_it_alone():
     half_width = extent(image) * np.array([0.01, 0.03])
     mixture = GaussianMixture(np.array([0.3, 0.2]), (extent(image) / np.array([300.0, 100.0])) ** 2)
     error, never = np.full(2, 1e-9), np.full(2, 1e-30)
-    near = narrow_in_squares(image, mixture, centres, half_width, error, never)
-    whole = narrow_in_squares(image, mixture, centres, np.append(half_width, 2.0 * extent(image)), error, never)
+    near, _ = narrow_in_squares(image, mixture, centres, half_width, error, never)
+    whole, _ = narrow_in_squares(image, mixture, centres, np.append(half_width, 2.0 * extent(image)), error, never)
     np.testing.assert_allclose(near, whole[:, :2], atol=1e-11)
     assert near.min() > 1e-5
     np.testing.assert_allclose(whole[:, 2], 0.5, rtol=1e-9)
@@ -79,10 +80,10 @@ def test_fans_are_not_cut_where_their_gaussian_does_not_reach():
     centres = [(0.0, 0.0), (5.0 * extent(image), 0.0)]
     mixture = GaussianMixture(np.array([1e-4]), (extent(image) / np.array([1e5])) ** 2)  # too many rays
     half_width, error = 0.1 * extent(image) * np.ones(1), np.full(1, 1e-3)
-    inside, beyond = narrow_in_squares(image, mixture, centres, half_width, error, np.array([1e-9, 1e-30]))
+    (inside, beyond), _ = narrow_in_squares(image, mixture, centres, half_width, error, np.array([1e-9, 1e-30]))
     assert inside > 0.0
     assert beyond == 0.0
-    assert narrow_in_squares(image, mixture, centres[1:], half_width, error, np.array([1e-30])) == 0.0
+    assert narrow_in_squares(image, mixture, centres[1:], half_width, error, np.array([1e-30])) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("field", [TILTED, UPRIGHT, ON_AXIS], ids=["tilted", "upright", "on axis"])
@@ -93,7 +94,7 @@ def test_the_table_of_squares_holds_wide_and_narrow_terms_alike(field, pupil):
     mixture = GaussianMixture(np.full(8, 0.1), (extent(image) * np.geomspace(0.03, 30.0, 8)) ** 2)
     expected = by_rays(image, mixture, CENTRES, half_width)
     for tolerance in (1e-4, 1e-6, 1e-8):
-        energy = square_response(mixture, half_width, half_width).energy(image, CENTRES, tolerance)
+        energy, _ = square_response(mixture, half_width, half_width).energy(image, CENTRES, tolerance)
         assert np.abs(energy - expected).max() <= tolerance
 
 
@@ -140,12 +141,12 @@ def test_ten_thousand_squares_make_no_table_of_gigabytes():
     mixture = GaussianMixture(np.full(3, 0.1), (extent(image) * np.array([0.1, 1.0, 10.0])) ** 2)
     half_width = extent(image) * np.linspace(0.001, 10.0, 10_000)
     many = square_response(mixture, half_width, half_width)
-    energy = many.energy(image, CENTRES, 1e-6)
+    energy, _ = many.energy(image, CENTRES, 1e-6)
     (table,) = many.tables.values()
     assert table.response.nbytes <= 2**25
     few = half_width[::999]
     np.testing.assert_allclose(
-        energy[:, ::999], square_response(mixture, few, few).energy(image, CENTRES, 1e-6), atol=1e-6
+        energy[:, ::999], square_response(mixture, few, few).energy(image, CENTRES, 1e-6)[0], atol=1e-6
     )
 
 
@@ -154,7 +155,7 @@ def test_what_small_squares_hold_is_no_noise_however_little_is_asked():
     image = point(UPRIGHT)
     mixture = GaussianMixture(np.full(3, 0.3), (extent(image) * np.array([0.2, 1.0, 10.0])) ** 2)
     half_width = extent(image) * np.array([0.001, 0.01, 0.1])
-    energy = square_response(mixture, half_width, half_width).energy(image, CENTRES, 1e-2)
+    energy, _ = square_response(mixture, half_width, half_width).energy(image, CENTRES, 1e-2)
     np.testing.assert_allclose(energy, by_rays(image, mixture, CENTRES, half_width), rtol=0.1)
 
 
@@ -163,7 +164,7 @@ def test_a_point_sees_the_table_without_error():
     (image,) = geometrical_images(telescope, [UPRIGHT])
     width, half_width = np.array([0.01, 0.1, 1.0]), np.array([0.02, 0.2, 2.0])
     mixture = GaussianMixture(np.full(3, 0.1), width**2)
-    energy = square_response(mixture, half_width, half_width).energy(image, [(0.0, 0.0)], 1e-3)
+    energy, _ = square_response(mixture, half_width, half_width).energy(image, [(0.0, 0.0)], 1e-3)
     exact = 0.1 * np.sum(normal_probability(-half_width / width[:, None], half_width / width[:, None]) ** 2, axis=0)
     np.testing.assert_allclose(energy[0], exact, rtol=1e-14)
 
@@ -172,7 +173,7 @@ def test_a_gaussian_of_no_width_is_no_blur():
     image = point(TILTED)
     half_width = extent(image) * np.array([0.1, 0.3, 0.6])
     ((sharp, _),) = unscattered_in_boxes([image], [CENTRES], half_width, 1e-8)
-    blurred = blurred_in_boxes(
+    blurred, _ = blurred_in_boxes(
         image, CENTRES, half_width, np.full(2, 1e-8), GaussianMixture(np.ones(1), np.array([1e-18]))
     )
     np.testing.assert_allclose(blurred, sharp, atol=3e-8)
@@ -187,7 +188,7 @@ def test_fewer_terms_do_to_edges_what_all_did():
     assert few.weight.size == FEW_TERMS
     assert few.weight.sum() == pytest.approx(mixture.weight.sum(), rel=1e-13)
     assert few.weight @ few.variance == pytest.approx(mixture.weight @ mixture.variance, rel=1e-12)
-    all_terms, some = (blurred_in_boxes(image, CENTRES, half_width, np.full(2, 1e-8), m) for m in (mixture, few))
+    all_terms, some = (blurred_in_boxes(image, CENTRES, half_width, np.full(2, 1e-8), m)[0] for m in (mixture, few))
     np.testing.assert_allclose(some, all_terms, atol=1e-7)  # what both integrals and the rule may leave
 
 
@@ -196,7 +197,8 @@ def test_fewer_terms_stand_for_widths_over_decades_in_squares_narrower_than_most
     half_width = extent(image) * np.array([0.005, 0.02, 0.1])
     mixture = GaussianMixture(np.full(24, 1.0 / 24.0), (extent(image) * np.geomspace(1e-4, 0.1, 24)) ** 2)
     all_terms, some = (
-        blurred_in_boxes(image, CENTRES, half_width, np.full(2, 1e-8), m) for m in (mixture, fewer_terms(mixture, 12))
+        blurred_in_boxes(image, CENTRES, half_width, np.full(2, 1e-8), m)[0]
+        for m in (mixture, fewer_terms(mixture, 12))
     )
     np.testing.assert_allclose(some, all_terms, atol=1e-7)  # 3e-8 measured
 

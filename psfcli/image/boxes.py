@@ -55,10 +55,10 @@ def blurred_in_boxes(
     half_width: Real,
     tolerance: Real,
     mixture: GaussianMixture,
-) -> Real:
-    """The light of a ``mixture`` of Gaussians far narrower than the spot in the same squares: shape [centre, box].
+) -> tuple[Real, float]:
+    """The light of a ``mixture`` of Gaussians far narrower than the spot in the same squares, [centre, box], and its
 
-    Within ``tolerance`` (centre,), of all light.
+    estimated error. Within ``tolerance`` (centre,), of all light.
     """
     widths, whole = np.sqrt(mixture.variance), float(mixture.weight.sum())
     edge = blurred_edge(tolerance, mixture)
@@ -70,7 +70,7 @@ def blurred_in_boxes(
         return total
 
     blur = float(widths.min()), edge.widths * float(widths.max())
-    ((inside, _),) = _over_azimuths([point], [centres], half_width, tolerance, light, blur, whole)
+    (inside,) = _over_azimuths([point], [centres], half_width, tolerance, light, blur, whole)
     return inside
 
 

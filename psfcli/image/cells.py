@@ -39,14 +39,15 @@ def scattered_in_cells(
     energy = _by_moments(mixture.only(wide), point, order.max(initial=0), x, y, 0.5 * width)
     if narrow.any():
         widths, which = np.unique(width, return_inverse=True)
-        energy += narrow_in_squares(
+        of_narrow, _ = narrow_in_squares(
             point,
             mixture.only(narrow),
             list(zip(x.tolist(), y.tolist(), strict=True)),
             0.5 * widths,
             narrow_error[narrow],
             np.maximum(0.1 * (tolerance.pixel * energy + allowance), _LEAST),
-        )[np.arange(x.size), which]
+        )
+        energy += of_narrow[np.arange(x.size), which]
     return energy
 
 

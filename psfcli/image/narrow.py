@@ -36,12 +36,13 @@ def narrow_in_squares(
     half_width: Real,
     error: Real,
     tolerance: Real,
-) -> Real:
+) -> tuple[Real, float]:
     """PSF_G blurred by the ``mixture`` in squares of increasing ``half_width`` about the ``centres``: [centre, box].
 
-    Each term, by increasing variance, within its relative ``error`` on a grid, or all that follow fans within
-    ``tolerance`` (centre,) of all light. Terms that may err by as much as they hold are given to the next narrower one,
-    which reaches no farther; the narrowest of them to the heaviest among them.
+    With it comes the estimated error of what follows fans. Each term, by increasing variance, within its relative
+    ``error`` on a grid, or all that follow fans within ``tolerance`` (centre,) of all light. Terms that may err by as
+    much as they hold are given to the next narrower one, which reaches no farther; the narrowest of them to the
+    heaviest among them.
     """
     strict = error < 1.0
     free = int(np.argmax(np.append(strict, True)))
@@ -56,10 +57,10 @@ def narrow_in_squares(
     window = x.min() - farthest, x.max() + farthest, y.min() - farthest, y.max() + farthest
     from_spot = np.maximum.reduce([spot.x_min - x, x - spot.x_max, spot.y_min - y, y - spot.y_max]) - farthest
     reached = from_spot <= TAIL * width[:, None]
-    energy = np.zeros((len(centres), half_width.size))
+    energy, told = np.zeros((len(centres), half_width.size)), 0.0
     seen = reached.any(axis=1)  # narrower ones send nothing to any of the squares
     if not seen.any():
-        return energy
+        return energy, told
     weight, variance, spacing, reached = weight[seen], variance[seen], spacing[seen], reached[seen]
     extent = math.hypot(spot.x_max - spot.x_min, spot.y_max - spot.y_min)
     boxes = 1 + int(np.count_nonzero((half_width < extent) & (half_width > 0.01 * extent)))
@@ -70,11 +71,12 @@ def narrow_in_squares(
         some = np.flatnonzero(reached[by_fans - 1]).tolist()
         enough = np.maximum(tolerance[some], _LEAST)
         narrowest = fewer_terms(GaussianMixture(weight[:by_fans], variance[:by_fans]), terms)
-        energy[some] += blurred_in_boxes(point, [centres[n] for n in some], half_width, enough, narrowest)
+        along, told = blurred_in_boxes(point, [centres[n] for n in some], half_width, enough, narrowest)
+        energy[some] += along
     wider = GaussianMixture(weight[by_fans:], variance[by_fans:])
     for grid in spot_grids(point, wider, spacing[by_fans:], window):
         energy += _by_grid(grid, centres, half_width)
-    return energy
+    return energy, told
 
 
 def _fewest(rays: Real, fans: Real, terms: int) -> int:

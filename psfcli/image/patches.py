@@ -111,14 +111,19 @@ def patches_apart(
         yield from _ring(image, edges, each, azimuths, spacing, half=half, window=window)
 
 
-def rays_apart(image: GeometricalImage, spacing: float, *, half: bool = False) -> Iterator[RayBundle]:
-    """The rays of ``patches_apart`` wherever they land, no more than asked for, in bundles of shape (ray,)."""
+def rays_apart(image: GeometricalImage, spacing: float, fewest: int, *, half: bool = False) -> Iterator[RayBundle]:
+    """The rays of ``patches_apart`` wherever they land, no more than asked for, in bundles of shape (ray,).
+
+    ``fewest`` radii and azimuths there are in any case: of spots far smaller than the ``spacing`` moments are asked.
+    """
     if image.telescope.seidel == SeidelTable():
         yield RayBundle(np.ones(1), np.zeros(1), np.zeros(1))
         return
-    for edges, radii, azimuths in _panels(image, spacing):
+    for edges, asked_radii, azimuths in _panels(image, spacing):
+        radii = max(asked_radii, fewest)
         rho, lit = _lit_radii(image, edges, radii)
-        azimuth, slice_weight = pupil_azimuths(image.telescope, image.field, 2 * math.ceil(0.5 * azimuths), half=half)
+        count = 2 * math.ceil(0.5 * max(azimuths, fewest))
+        azimuth, slice_weight = pupil_azimuths(image.telescope, image.field, count, half=half)
         together = max(1, _RAYS_AT_ONCE // radii)
         for first in range(0, azimuth.size, together):
             some = slice(first, first + together)

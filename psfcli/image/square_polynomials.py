@@ -33,7 +33,9 @@ Centres = Sequence[tuple[float, float]]
 _COUNTS = np.arange(4, 49)  # of polynomials along an axis: more cost more than rays on a grid do
 _LARGEST_TABLE, _BOXES_AT_ONCE = 1 << 22, 512  # numbers of a table, and squares whose series are held at once
 _SHARE = 0.03  # of the tolerance, for what the series leave out: a digit costs two polynomials
-_LEAST_DIGITS = 1e-3  # of the scattered light, where more is allowed: what small squares hold is no noise
+_LOOSEST = 1e-2  # of the scattered light, where more is allowed: what small squares hold is no noise
+# radii and azimuths of the rays, and per digit: two calculations that are to judge each other take different ones
+_FEWEST_RAYS, _RAYS_PER_DIGIT = 6.0, 2.0
 _RAY_SHARE = 0.3  # for what rays leave out
 _CLOSEST, _FARTHEST = 0.5, 4.4  # widths that rays are apart, at which they err by 1e-34 and by 1
 _SPACINGS = 200
@@ -43,12 +45,13 @@ _SPACINGS = 200
 class PolynomialResponse:
     """What squares hold of all Gaussians of a mixture but the ``first``, by polynomials on |x|, |y| <= ``extent`` [mm].
 
-    ``response`` (count, count, box) is R. Rays ``spacing`` [mm] apart are close enough.
+    ``response`` (count, count, box) is R. Rays are to be ``spacing`` [mm] apart, and on ``fewest`` radii and azimuths.
     """
 
     extent: float
     first: int
     spacing: float
+    fewest: int
     response: Real
 
     def energy(self, point: GeometricalImage, centres: Centres) -> Real:
@@ -56,7 +59,7 @@ class PolynomialResponse:
         count, _, boxes = self.response.shape
         if count == 0:
             return np.zeros((len(centres), boxes))
-        moments = polynomial_moments(point, centres, self.extent, count, self.spacing)
+        moments = polynomial_moments(point, centres, self.extent, count, self.spacing, self.fewest)
         energy: Real = moments.reshape(len(centres), -1) @ self.response.reshape(-1, boxes)
         return energy
 
@@ -80,13 +83,14 @@ def polynomial_response(
     very many squares. All together err by a part of the ``tolerance``, of all light.
     """
     weight, width, boxes = mixture.weight, np.sqrt(mixture.variance), half_width.size
+    whole = float(np.abs(weight).sum())
     counts = _COUNTS[_COUNTS**2 * boxes <= _LARGEST_TABLE]
     left_out = 2.0 * np.abs(weight)[:, None] * truncation_error(extent / width[:, None], counts)
     together = np.cumsum(left_out[::-1], axis=0)[::-1]  # of a Gaussian and all wider ones
-    allowed = _SHARE * min(tolerance, _LEAST_DIGITS * float(np.abs(weight).sum()))
+    allowed = _SHARE * min(tolerance, _LOOSEST * whole)
     first = int(np.count_nonzero(together[:, -1] > allowed))
     if first == weight.size:
-        return PolynomialResponse(extent, first, math.inf, np.zeros((0, 0, boxes)))
+        return PolynomialResponse(extent, first, math.inf, 0, np.zeros((0, 0, boxes)))
     enough = counts[np.argmax(together[first:] <= allowed, axis=1)]
     weight, width, count = weight[first:], width[first:], int(enough[0])
     steps = np.minimum(2 ** np.ceil(np.log2(enough)).astype(np.intp), count)  # few serve the many wide ones
@@ -99,7 +103,9 @@ def polynomial_response(
             series[some, :, :few] = _series(width[some], half_width[some_boxes], extent, int(few))
         by_box = series.transpose(1, 2, 0)
         response[..., some_boxes] = np.moveaxis((by_box * weight) @ by_box.swapaxes(1, 2), 0, 2)
-    return PolynomialResponse(extent, first, _spacing(np.abs(weight), width, _RAY_SHARE * tolerance), response)
+    spacing = _spacing(np.abs(weight), width, _RAY_SHARE * tolerance)
+    digits = -math.log10(min(tolerance / whole, _LOOSEST))
+    return PolynomialResponse(extent, first, spacing, math.ceil(_FEWEST_RAYS + _RAYS_PER_DIGIT * digits), response)
 
 
 def _series(width: Real, half_width: Real, extent: float, count: int) -> Real:
@@ -130,16 +136,18 @@ def truncation_error(ratio: Real, count: Real | NDArray[np.intp]) -> Real:
     return error
 
 
-def polynomial_moments(point: GeometricalImage, centres: Centres, extent: float, count: int, spacing: float) -> Real:
-    """E[T_2a(dx/extent) T_2b(dy/extent)] about each of the ``centres``, from rays ``spacing`` [mm] apart.
+def polynomial_moments(
+    point: GeometricalImage, centres: Centres, extent: float, count: int, spacing: float, fewest: int
+) -> Real:
+    """E[T_2a(dx/extent) T_2b(dy/extent)] about each of the ``centres``: shape (centre, count, count).
 
-    Shape (centre, count, count).
+    From rays ``spacing`` [mm] apart, on ``fewest`` radii and azimuths or more.
     """
     moments = np.zeros((len(centres), count, count))
     x, y = np.array(centres).T
     half = point.mirror_symmetric and not x.any()
     x = x[:1] if np.all(x == x[0]) else x  # fields along y share it
-    for rays in rays_apart(point, spacing, half=half):
+    for rays in rays_apart(point, spacing, fewest, half=half):
         in_x, in_y = (
             _even_chebyshev((landing - of[:, None]) / extent, count) for landing, of in ((rays.x, x), (rays.y, y))
         )

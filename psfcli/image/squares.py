@@ -39,13 +39,15 @@ class SquareResponse:
     mixture: GaussianMixture
     tables: dict[tuple[float, float], PolynomialResponse] = field(default_factory=dict, repr=False)
 
-    def energy(self, point: GeometricalImage, centres: Sequence[tuple[float, float]], tolerance: float) -> Real:
+    def energy(
+        self, point: GeometricalImage, centres: Sequence[tuple[float, float]], tolerance: float
+    ) -> tuple[Real, float]:
         """The scattered light in each square about each of the ``centres``, of all light, within ``tolerance``.
 
-        Shape [centre, box].
+        Shape [centre, box]; and the part of its error that no calculation of its kind shows, for fans all begin alike.
         """
         if self.mixture.weight.size == 0 or self.half_width.size == 0:
-            return np.zeros((len(centres), self.half_width.size))
+            return np.zeros((len(centres), self.half_width.size)), 0.0
         weight, variance = self.mixture.weight, self.mixture.variance
         extent = common_extent(point, centres, _LEAST_EXTENT * math.sqrt(float(variance[0])))
         if (extent, tolerance) not in self.tables:
@@ -53,13 +55,14 @@ class SquareResponse:
                 self.tables.clear()
             self.tables[extent, tolerance] = polynomial_response(self.mixture, self.held, extent, tolerance)
         table = self.tables[extent, tolerance]
-        energy = table.energy(point, centres)
+        energy, told = table.energy(point, centres), 0.0
         if table.first:
             narrow = GaussianMixture(weight[: table.first], variance[: table.first])
             error = _SHARE * tolerance / (table.first * np.abs(narrow.weight))
             enough = np.full(len(centres), _SHARE * tolerance)
-            energy += narrow_in_squares(point, narrow, centres, self.half_width, error, enough)
-        return energy
+            of_narrow, told = narrow_in_squares(point, narrow, centres, self.half_width, error, enough)
+            energy += of_narrow
+        return energy, told
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +76,13 @@ class JudgedSquares:
     def energy(
         self, point: GeometricalImage, centres: Sequence[tuple[float, float]], tolerance: float, finer_tolerance: float
     ) -> tuple[Real, float]:
-        """The scattered light in the squares about each of the ``centres``, [centre, box], and how far the two differ.
+        """The scattered light in the squares about each of the ``centres``, [centre, box], and its estimated error.
 
-        Each within its tolerance, of all light.
+        How far the two differ, with what the finer one tells of itself. Each within its tolerance, of all light.
         """
-        energy = self.used.energy(point, centres, tolerance)
-        truth = self.finer.energy(point, centres, finer_tolerance)
-        return energy, float(np.max(np.abs(energy[:, self.places] - truth), initial=0.0))
+        energy, _ = self.used.energy(point, centres, tolerance)
+        truth, error = self.finer.energy(point, centres, finer_tolerance)
+        return energy, float(np.max(np.abs(energy[:, self.places] - truth), initial=0.0)) + error
 
 
 def square_response(mixture: GaussianMixture, half_width: Real, held: Real) -> SquareResponse:
