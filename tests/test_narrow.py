@@ -35,7 +35,7 @@ def extent(image):
 
 def by_rays(image, mixture, centres, half_width):
     """The plain sum over very many rays, the whole of the other half of the pupil included."""
-    rays = ray_bundles(image.telescope, [image.field], 200, 900)[0]
+    rays = ray_bundles(image.telescope, [image.field], 100, 400)[0]
     energy = np.zeros((len(centres), half_width.size))
     for weight, s in zip(mixture.weight, np.sqrt(mixture.variance), strict=True):
         for n, (x, y) in enumerate(centres):
