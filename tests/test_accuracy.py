@@ -28,6 +28,7 @@ CURED = {  # (seed, number): once beyond their accuracy, or told to be
     (103, 18): "a spot that distortion puts far beside the window",
     (104, 9): "a flat wing in a large square",
 }
+LOOSE = {(12, 499), (23, 980)}  # missed at the two loosest accuracies alone; the finer ones take most of a minute
 FALL_SHORT: dict[int, str] = {}  # the draws that end with exit code 3, and their limit: at most 2 %
 
 
@@ -42,8 +43,8 @@ def test_true_errors_are_within_what_was_asked_and_within_three_times_what_was_t
 
 
 @pytest.mark.parametrize(("seed", "number"), CURED, ids=CURED.values())
-def test_what_was_once_missed_is_met_at_every_accuracy(seed, number):
-    found = examined(seed, number)
+def test_what_was_once_missed_is_met(seed, number):
+    found = examined(seed, number, ASKED[:2] if (seed, number) in LOOSE else ASKED)
     assert [violation for run in found.runs for violation in run.violations] == []
     assert [run.short for run in found.runs if run.short] == []
 
