@@ -199,6 +199,7 @@ def _noise(cubics: Real) -> Real:
 
 def _laguerre(cubics: Real, rho: Real) -> tuple[Real, Real]:
     """One step of Laguerre's method from ``rho``, and the value there."""
+    # in place: new arrays take longer than what is computed in them
     _, c1, c2, c3 = cubics
     value = cubic(cubics, rho)
     half_curvature = c3 * rho
@@ -209,7 +210,7 @@ def _laguerre(cubics: Real, rho: Real) -> tuple[Real, Real]:
     slope += c1
     step = 3.0 * value
     half_curvature *= step
-    spread = slope * slope  # in place from here on: a third of the time is that of new arrays
+    spread = slope * slope
     spread -= half_curvature
     np.maximum(spread, 0.0, out=spread)
     np.sqrt(spread, out=spread)
